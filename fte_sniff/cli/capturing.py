@@ -50,17 +50,12 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FteSniffError, PortError, UsageError, printable, quoted, size_text
-from fte_sniff.formats.writers import (
-    ALL_COLUMNS,
-    FORMAT_BY_SUFFIX,
-    TEXT_FORMATS,
-    OutputFormat,
-    row_writer,
-)
+from fte_sniff.formats.writers import ALL_COLUMNS, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
+from fte_sniff.session.save import text_writer
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
@@ -518,7 +513,7 @@ class PlainLines(Observer):
         """
         self._wanted = None if wanted is None else wanted.stream()
         self._alert = alert
-        self._writer = row_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
+        self._writer = text_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""

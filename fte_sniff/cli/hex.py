@@ -15,9 +15,10 @@ from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.plain_hex import is_plain_hex, plain_hex
-from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter, row_writer
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter
 from fte_sniff.protocol import Chunk, Rows
 from fte_sniff.session.framing import rows_of_chunks
+from fte_sniff.session.save import text_writer
 
 PORT_NAME = "hex"
 
@@ -37,7 +38,7 @@ def command(text: tuple[str, ...], form: str | None) -> None:
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
     writer = (
-        _dissection() if form is None else row_writer(OutputFormat(form), sys.stdout, ports=False)
+        _dissection() if form is None else text_writer(OutputFormat(form), sys.stdout, ports=False)
     )
     notes: list[str] = []
     try:

@@ -1,6 +1,6 @@
 """Rows as lines of a table, and explained byte by byte; plain and coloured.
 
-Neither polars nor rich is needed before a DataFrame, or a terminal, is written to.
+rich is not needed before a terminal is written to.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 if TYPE_CHECKING:
-    import polars as pl
     from rich.console import Console
 
 
@@ -143,8 +142,6 @@ def values_text(row: Row) -> str:
 class PlainWriter:
     """Writes one plain line a row with aligned columns, for pipes and files."""
 
-    shows_order = True
-
     def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
         self._stream = stream
         self._ports, self._zone = ports, zone
@@ -155,14 +152,6 @@ class PlainWriter:
         if rows:
             cells = self._begin(times=rows[0].t_ns is not None).cells
             self._stream.writelines(_joined(cells(row)) for row in rows)
-
-    def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a DataFrame with the columns of the row contract."""
-        from fte_sniff.formats.text_frame import frame_lines
-
-        if frame.height:
-            layout = self._begin(times=frame["time"][0] is not None)
-            self._stream.write(frame_lines(frame, layout))
 
     def _begin(self, *, times: bool) -> TextLayout:
         if self._layout is None:

@@ -1,19 +1,20 @@
-"""Output formats, and the writers of CSV, JSONL and hex."""
+"""Output formats, and the writers of CSV, JSONL and hex.
+
+CSV and JSON lines are written from DataFrames: whole columns at once.
+"""
 
 from __future__ import annotations
 
-import csv
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, tzinfo
 from enum import StrEnum
 from io import BytesIO
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Protocol, TextIO, runtime_checkable
+from typing import TYPE_CHECKING, Final, Protocol, TextIO, TypeAlias
 
-from fte_sniff.errors import printable
-from fte_sniff.protocol import COLUMN_BY_NAME, Row, Value, faults_text, iso_time, record, spaced_hex
+from fte_sniff.protocol import COLUMN_BY_NAME, Rows, spaced_hex
 
 if TYPE_CHECKING:
     import polars as pl
@@ -54,23 +55,15 @@ FORMAT_BY_SUFFIX: Final = MappingProxyType(
 class RowWriter(Protocol):
     """Writes rows to a text stream, which stays open."""
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write(self, rows: Rows) -> None:
         """Write the rows."""
 
     def close(self) -> None:
         """Write what the format requires at its end."""
 
 
-@runtime_checkable
-class FrameWriter(Protocol):
-    """Writes the rows of a DataFrame, faster than one by one and with the same result."""
-
-    shows_order: bool
-    """Whether it marks rows whose order is uncertain, which a DataFrame does not contain."""
-
-    def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a DataFrame with the columns of the row contract."""
-
+FrameOf: TypeAlias = "Callable[[Rows], pl.DataFrame]"
+"""Makes a DataFrame with the columns of the row contract."""
 
 ALL_COLUMNS: Final = tuple(COLUMN_BY_NAME)
 """The names of all columns, in order."""
@@ -82,6 +75,7 @@ CHOOSABLE: Final = (OutputFormat.JSONL, OutputFormat.CSV)
 def row_writer(
     form: OutputFormat,
     stream: TextIO,
+    frame_of: FrameOf,
     *,
     ports: bool,
     columns: Sequence[str] = ALL_COLUMNS,
@@ -89,13 +83,18 @@ def row_writer(
 ) -> RowWriter:
     """Create the writer of a text format or hex; a table is coloured on a terminal.
 
-    `ports` is whether a table has a column for the port, `columns` those of `CHOOSABLE` formats,
-    `zone` that of the times in a table or CSV; JSON lines have UTC.
+    Args:
+        form: the format.
+        stream: the text stream.
+        frame_of: makes the DataFrames of CSV and JSON lines.
+        ports: whether a table has a column for the port.
+        columns: those of `CHOOSABLE` formats.
+        zone: that of the times in a table or CSV; JSON lines have UTC.
     """
     if form is OutputFormat.JSONL:
-        return JsonlWriter(stream, columns)
+        return JsonlWriter(stream, frame_of, columns)
     if form is OutputFormat.CSV:
-        return CsvWriter(stream, columns, zone)
+        return CsvWriter(stream, frame_of, columns, zone)
     if form is OutputFormat.HEX:
         return HexWriter(stream)
     from fte_sniff.formats.text_table import PlainWriter, RichWriter
@@ -107,43 +106,25 @@ def row_writer(
     return RichWriter(Console(file=stream), ports=ports, zone=zone)
 
 
-class _LineWriter:
-    shows_order = False
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def close(self) -> None:
-        """Do nothing: all rows are written."""
-
-
-class JsonlWriter(_LineWriter):
+class JsonlWriter:
     """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
 
-    def __init__(self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS) -> None:
-        super().__init__(stream)
-        self._columns = columns
+    def __init__(self, stream: TextIO, frame_of: FrameOf, columns: Sequence[str]) -> None:
+        self._stream, self._frame_of, self._columns = stream, frame_of, columns
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write(self, rows: Rows) -> None:
         """Write the rows."""
-        self._stream.writelines(_line(row, self._columns) for row in rows)
+        if not len(rows):
+            return
+        from fte_sniff.formats.column_text import time_texts
 
-    def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a DataFrame with the columns of the row contract."""
-        from fte_sniff.formats.text_frame import time_texts
-
-        lines = BytesIO()
+        frame, lines = self._frame_of(rows), BytesIO()
         texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
         texts.select(self._columns).write_ndjson(lines)
         self._stream.write(printable_json(lines.getvalue().decode()))
 
-
-def _line(row: Row, columns: Sequence[str]) -> str:
-    values = record(row)
-    if row.t_ns is not None:
-        values["time"] = iso_time(row.t_ns)
-    chosen: dict[str, object] = {name: values[name] for name in columns}
-    return json_text(chosen) + "\n"
+    def close(self) -> None:
+        """Do nothing: all rows are written."""
 
 
 def json_text(value: object) -> str:
@@ -165,71 +146,47 @@ def _escaped(found: re.Match[str]) -> str:
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in found[0])
 
 
-class CsvWriter(_LineWriter):
+class CsvWriter:
     """Writes CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
 
     def __init__(
-        self, stream: TextIO, columns: Sequence[str] = ALL_COLUMNS, zone: tzinfo = UTC
+        self, stream: TextIO, frame_of: FrameOf, columns: Sequence[str], zone: tzinfo
     ) -> None:
-        super().__init__(stream)
+        self._stream, self._frame_of = stream, frame_of
         self._columns, self._zone = columns, zone
-        self._writer = csv.writer(stream, lineterminator="\n")
-        self._has_header = False
+        self._header = ",".join(columns) + "\n"
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write(self, rows: Rows) -> None:
         """Write the rows, after the header."""
-        self._write_header()
-        self._writer.writerows(_values(row, self._columns, self._zone) for row in rows)
+        if not len(rows):
+            return
+        from fte_sniff.formats.column_text import faults_texts, printable_texts, time_texts
 
-    def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the rows of a DataFrame with the columns of the row contract."""
-        import polars as pl
-
-        from fte_sniff.formats.text_frame import faults_texts, time_texts
-
-        self._write_header()
-        ports = frame.get_column("port")
-        names = {port: printable(port) or None for port in ports.unique()}
-        if any(port != name for port, name in names.items()):
-            ports = ports.replace_strict(names, return_dtype=pl.String())
-        times = time_texts(frame["time"], self._zone)
-        faults = faults_texts(frame["faults"])
-        texts = frame.with_columns(ports, time=times, faults=faults).select(self._columns)
-        self._stream.write(texts.write_csv(include_header=False, line_terminator="\n"))
+        self.close()
+        frame = self._frame_of(rows)
+        texts = frame.with_columns(
+            time=time_texts(frame["time"], self._zone),
+            port=printable_texts(frame["port"]),
+            faults=faults_texts(frame["faults"]),
+        )
+        chosen = texts.select(self._columns)
+        self._stream.write(chosen.write_csv(include_header=False, line_terminator="\n"))
 
     def close(self) -> None:
         """Write the header if there were no rows."""
-        self._write_header()
-
-    def _write_header(self) -> None:
-        if not self._has_header:
-            self._has_header = True
-            self._writer.writerow(self._columns)
+        self._stream.write(self._header)
+        self._header = ""
 
 
-def _values(row: Row, columns: Sequence[str], zone: tzinfo) -> list[Value]:
-    values = record(row)
-    values["time"] = None if row.t_ns is None else iso_time(row.t_ns, zone)
-    values["port"] = printable(row.port)
-    values["faults"] = faults_text(row.faults)
-    chosen = (values[name] for name in columns)
-    return [_lower(value) if isinstance(value, bool) else value for value in chosen]
-
-
-def _lower(truth: bool) -> str:
-    """As JSON and polars write it."""
-    return str(truth).lower()
-
-
-class HexWriter(_LineWriter):
+class HexWriter:
     """Writes the bytes of each row as hex: `AA 01 01 03 E8 00 00 00 00 EE`."""
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, rows: Rows) -> None:
         """Write the bytes of the rows."""
         self._stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
 
-    def write_frame(self, frame: pl.DataFrame) -> None:
-        """Write the bytes of the rows of a DataFrame."""
-        from fte_sniff.formats.text_frame import joined_lines, spaced_bytes
-
-        self._stream.write(joined_lines(spaced_bytes(frame["raw"])))
+    def close(self) -> None:
+        """Do nothing: all rows are written."""

@@ -18,7 +18,6 @@ from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
-    FrameWriter,
     OutputFormat,
     RowWriter,
     row_writer,
@@ -96,6 +95,24 @@ def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource)
             return _TextSink(form, path, source)
 
 
+def text_writer(
+    form: OutputFormat,
+    stream: TextIO,
+    *,
+    ports: bool,
+    columns: Sequence[str] = ALL_COLUMNS,
+    zone: tzinfo = UTC,
+) -> RowWriter:
+    """Create the writer of a text format or hex; see `row_writer`."""
+
+    def frame_of(rows: Rows) -> pl.DataFrame:
+        from fte_sniff.analysis.dataframe import table_frame
+
+        return table_frame(rows)
+
+    return row_writer(form, stream, frame_of, ports=ports, columns=columns, zone=zone)
+
+
 class _TextSink:
     """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
 
@@ -105,19 +122,17 @@ class _TextSink:
             if path is None
             else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         )
-        self._writer = row_writer(
+        self._writer = text_writer(
             form,
             self._stream,
             ports=len(source.ports) > 1,
             columns=source.columns,
             zone=source.zone,
         )
-        self._rows = 0
 
     def write(self, item: Item) -> None:
         if isinstance(item, Rows):
-            self._rows += len(item)
-            write_rows(self._writer, item, self._rows)
+            self._writer.write(item)
             self._stream.flush()
 
     def close(self) -> None:
@@ -127,30 +142,6 @@ class _TextSink:
     def abandon(self) -> None:
         if self._stream is not sys.stdout:
             self._stream.close()
-
-
-_FEWEST: Final = 100
-"""Rows for which polars is slower although it is loaded."""
-_FEW: Final = 20_000
-"""Rows for which polars is not loaded."""
-
-
-def write_rows(writer: RowWriter, rows: Rows, so_far: int) -> None:
-    """Write rows, as columns if the format allows it; `so_far` counts them and all before them.
-
-    Polars is not loaded for a few rows.
-    """
-    is_few = len(rows) < _FEWEST or (so_far <= _FEW and "polars" not in sys.modules)
-    if (
-        is_few
-        or not isinstance(writer, FrameWriter)
-        or (writer.shows_order and rows.unordered.any())
-    ):
-        writer.write(rows)
-    else:
-        from fte_sniff.analysis.dataframe import table_frame
-
-        writer.write_frame(table_frame(rows))
 
 
 class _BytesSink:
