@@ -52,7 +52,6 @@ _END_S: Final = 2.0
 """How long strace may take to let go of the target before it is killed."""
 _MOST_SAID: Final = 1 << 16
 """Characters of strace's own messages that are kept."""
-_PTRACE_SCOPE = Path("/proc/sys/kernel/yama/ptrace_scope")
 
 LIMITS: Final = TranslatableText(
     "times are those of system calls, not of the wire; mmap and io_uring are not seen"
@@ -74,57 +73,35 @@ class Call:
 
 
 _CALL = re.compile(
-    r"(?P<pid>\d+) +(?P<time>\d+\.\d+) "
-    r"(?:<\.\.\. (?P<resumed>\w+) resumed>|(?P<name>\w+)\()(?P<rest>.*)"
+    r"(?:\d+ +)?(?P<time>\d+\.\d+) (?P<name>\w+)\((?P<arguments>.*)\) += (?P<result>\d+)"
+    r"(?: .*?)?? <(?P<took>[\d.]+)>"
 )
-_DONE = re.compile(r"(?P<arguments>.*)\) += (?P<result>-?\d+|\?)(?: .*?)??(?: <(?P<took>[\d.]+)>)?")
-_UNFINISHED = re.compile(r"(?P<arguments>.*?) *<(?:unfinished \.\.\.|detached \.\.\.)>")
 _PART = re.compile(r'"((?:\\x[0-9a-f]{2})*)"(?:\.\.\.)?(?:, iov_len=(\d+))?')
-_NO_CALL = re.compile(r"\d+ +\d+\.\d+ (?:\+\+\+|---|<\?\?\?|\?\?\?\?|strace:).*")
+_NO_CALL = re.compile(r"(?:\d+ +)?\d+\.\d+ (?:\+\+\+|---|strace:).*")
 
 
-class StraceLines:
-    """Lines of strace to system calls; a call that others interrupt takes two lines."""
+def call_of(line: str, device: str) -> Call | None:
+    """The call of a line of strace; None for one that moved no bytes of the device.
 
-    def __init__(self, device: str) -> None:
-        """Expect calls that move bytes of this device."""
-        self._device = "".join(f"\\x{byte:02x}" for byte in os.fsencode(device))
-        self._begun: dict[str, str] = {}
-        """By process: the arguments of the call that it has not finished."""
-
-    def call(self, line: str) -> Call | None:
-        """The call of a line; None for one that moved no bytes, or is not finished.
-
-        Raises ValueError for a line that is not of strace.
-        """
-        found = _CALL.fullmatch(line)
-        if found is None:
-            if _NO_CALL.fullmatch(line):
-                return None
-            raise ValueError(line)
-        if unfinished := _UNFINISHED.fullmatch(found["rest"]):
-            self._begun[found["pid"]] = unfinished["arguments"]
+    Raises ValueError for a line that is not of strace.
+    """
+    found = _CALL.fullmatch(line)
+    if found is None:
+        if _NO_CALL.fullmatch(line):
             return None
-        done = _DONE.fullmatch(found["rest"])
-        if done is None:
-            raise ValueError(line)
-        arguments = done["arguments"]
-        if found["resumed"]:
-            arguments = self._begun.pop(found["pid"], "") + arguments
-        if done["result"] == "?" or int(done["result"]) <= 0:
-            return None
-        name = found["resumed"] or found["name"]
-        stamp, took = _ns(found["time"]), _ns(done["took"] or "0")
-        start, end = (stamp - took, stamp) if found["resumed"] else (stamp, stamp + took)
-        parts = tuple(_parts(arguments, int(done["result"])))
-        return Call(parts, self._is_written(name, arguments), start, end, name)
-
-    def _is_written(self, name: str, arguments: str) -> bool:
-        if name not in _UNSHOWN:
-            return name in _WRITES
+        raise ValueError(line)
+    name, arguments, count = found["name"], found["arguments"], int(found["result"])
+    if not count:
+        return None
+    written = name in _WRITES
+    if name in _UNSHOWN:
         # sendfile(to, from, ...), but splice(from, ..., to, ...)
-        is_first = arguments.partition("<")[2].startswith(f"{self._device}>")
-        return is_first is (name == "sendfile")
+        printed = "".join(f"\\x{byte:02x}" for byte in os.fsencode(device))
+        is_first = arguments.partition("<")[2].startswith(f"{printed}>")
+        written = is_first is (name == "sendfile")
+    start_ns = _ns(found["time"])
+    parts = tuple(_parts(arguments, count))
+    return Call(parts, written, start_ns, start_ns + _ns(found["took"]), name)
 
 
 def _parts(arguments: str, count: int) -> Iterator[tuple[bytes, int]]:
@@ -202,7 +179,7 @@ class CallReader:
     ) -> None:
         """Read a strace that watches the programs, and take the notes to report first."""
         self._names, self.strace, self._clock, self._notes = names, strace, clock, notes
-        self._lines, self._rest = StraceLines(strace.device), b""
+        self._rest = b""
         self._opened_ns = opened_ns
         self._look_s = 0.0
         self._is_new = True
@@ -243,7 +220,7 @@ class CallReader:
     def close(self) -> Iterator[Item]:
         """End strace, and report what may be missing."""
         self.strace.close()
-        if b'"' in self._rest:  # else a call that waits, and has moved no bytes
+        if self._rest:
             reason = TranslatableText("bytes may be lost: strace ended within a line")
             yield from self._unreadable(self._rest, reason)
         yield self._event(HOST, PortEventKind.CLOSED, TranslatableText("no longer attached"))
@@ -261,7 +238,7 @@ class CallReader:
         ahead_ns = self._clock.system_ahead_ns()
         for line in lines:
             try:
-                call = self._lines.call(line.decode("ascii"))
+                call = call_of(line.decode("ascii"), self.strace.device)
             except ValueError:
                 reason = TranslatableText("bytes may be lost: a line of strace cannot be read")
                 yield from self._unreadable(line, reason)
@@ -306,7 +283,7 @@ class CallReader:
             self.strace = Strace.of(self.strace.holders, device, self._names[0])
         except PortError as error:
             raise OSError(error.message) from error
-        self._lines, self._rest = StraceLines(device), b""
+        self._rest = b""
         detail = TranslatableText(
             "{programs} opened {device} instead, which is watched now",
             programs=listed(self.strace.holders, Joint.AND),
@@ -335,7 +312,8 @@ class Strace:
             self.process = subprocess.Popen(
                 [
                     *(program, "-f", "-y", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_PART)),
-                    *("-e", f"trace={traced}", "-e", "signal=none"),
+                    # With a status, a call has one line, which is printed when it has returned.
+                    *("-e", f"trace={traced}", "-e", "signal=none", "-e", "status=successful"),
                     *("-P", device, "-o", f"/dev/fd/{write}", *pids),
                 ],
                 pass_fds=[write],
@@ -460,32 +438,11 @@ def _holders(wanted: Attachment, port: str) -> list[Holder]:
 
 def _refusal(holders: list[Holder], said: str) -> TranslatableText:
     """Why strace cannot watch a program, and the fix."""
-    names = holders_text(holders)
-    for holder in holders:
-        if tracer := _tracer_of(holder.pid):
-            return TranslatableText(
-                "{holder} is watched by another debugger already (pid {tracer}); end that first",
-                holder=holder,
-                tracer=tracer,
-            )
     if "Operation not permitted" in said:
-        with suppress(OSError, ValueError):
-            if int(_PTRACE_SCOPE.read_text()) > 0:
-                return TranslatableText(
-                    "{holders}, but ptrace_scope forbids to watch it: use sudo, or"
-                    " sudo sysctl kernel.yama.ptrace_scope=0",
-                    holders=names,
-                )
         return TranslatableText(
-            "{holders}, but this user may not watch it: use sudo", holders=names
+            "{holders}, but this user may not watch it, or a debugger does already: use sudo, or"
+            " end the debugger",
+            holders=holders_text(holders),
         )
     last = printable(said.strip().splitlines()[-1]) if said.strip() else "no reason"
     return TranslatableText("strace ended: {why}", why=last)
-
-
-def _tracer_of(pid: int) -> int | None:
-    with suppress(OSError, ValueError):
-        status = Path(f"/proc/{pid}/status").read_text()
-        found = re.search(r"^TracerPid:\s+(\d+)$", status, re.MULTILINE)
-        return int(found[1]) or None if found else None
-    return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import re
 import stat
 from collections.abc import Sequence
@@ -21,17 +20,14 @@ from fte_sniff.platform import POSIX, TerminalError
 
 if POSIX:
     import grp
-    import pwd
 
-_OWN_TERMINAL = "/dev/tty"
-_NO_RFC2217 = "does not seem to support RFC2217"
-_REFUSED = re.compile(r"(?:option '|[ [])(\w+)(?:'|:(?!ACTIVE)\w+)")
-"""An option that an RFC 2217 server refuses, or does not answer to, in pyserial's text."""
+_NO_RFC2217 = re.compile(
+    r"does not seem to support RFC2217|(?:option '|[ [])\w+(?:'|:(?!ACTIVE)\w+)"
+)
+"""In pyserial's text: a server that refuses an option, or does not answer to it."""
 _WINDOWS_ERROR = re.compile(r"could not open port .*: \w+Error\((\d+), ")
 """The system's error number in pyserial's text on Windows."""
 _FORBIDDEN, _BUSY = {errno.EACCES, errno.EPERM}, {errno.EBUSY, errno.EAGAIN}
-_REFUSALS = _FORBIDDEN | _BUSY
-_HANDLER_PREFIX = "protocol_"
 
 
 class RefusedError(PortError):
@@ -58,12 +54,6 @@ def check_name(name: str) -> None:
         raise PortError("a port has an empty name; {there}", there=_existing_ports(""))
     if "://" in name:
         _check_url(name, scheme_of(name))
-    elif "\0" not in name and os.path.realpath(name) == _OWN_TERMINAL:
-        raise PortError(
-            "{port} is the terminal that this runs in, no port; {there}",
-            port=printable(name),
-            there=_existing_ports(""),
-        )
 
 
 def _check_url(url: str, scheme: str) -> None:
@@ -82,15 +72,9 @@ def _check_url(url: str, scheme: str) -> None:
 
 def known_schemes() -> list[str]:
     """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`..."""
-    folders = [
-        folder
-        for package in serial.protocol_handler_packages
-        for folder in import_module(package).__path__
-    ]
-    names = (module.name for module in iter_modules(folders))
-    return sorted(
-        {name.removeprefix(_HANDLER_PREFIX) for name in names if name.startswith(_HANDLER_PREFIX)}
-    )
+    packages = map(import_module, serial.protocol_handler_packages)
+    names = (module.name for package in packages for module in iter_modules(package.__path__))
+    return sorted({name.partition("_")[2] for name in names if name.startswith("protocol_")})
 
 
 def _has_host_and_port(url: str) -> bool:
@@ -107,39 +91,27 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         if isinstance(known, PortError):
             return known
     named, number = printable(name), _errno_of(error)
-    scheme, rest = scheme_of(name), name.partition("://")[2]
-    bare = printable(f"socket://{re.split('[/?#]', rest)[0]}")
-    reason: str | None = None
-    if _NO_RFC2217 in str(error):
-        # pyserial's own text ends with a dump of the telnet options.
-        reason = TranslatableText(
-            "the server does not speak RFC 2217; if it sends plain bytes, open {bare}",
+    if scheme_of(name) == "rfc2217" and (
+        _NO_RFC2217.search(str(error)) or number in (errno.ECONNRESET, errno.EPIPE)
+    ):
+        # pyserial's own text may end with a dump of the telnet options.
+        bare = printable(f"socket://{re.split('[/?#]', name.partition('://')[2])[0]}")
+        return PortError(
+            "{port} cannot be opened: the server refuses its settings, serves another client, or"
+            " does not speak RFC 2217; if it sends plain bytes, open {bare}",
+            port=named,
             bare=bare,
         )
-    elif scheme == "rfc2217" and (refused := _REFUSED.findall(str(error))):
-        reason = TranslatableText(
-            "the server refuses {options}; set them on the server itself, and open {bare}",
-            options=listed(refused),
-            bare=bare,
-        )
-    elif scheme == "rfc2217" and number in (errno.ECONNRESET, errno.EPIPE):
-        reason = TranslatableText(
-            "the server hung up: it does not speak RFC 2217, or serves another client"
-        )
-    if reason is not None:
-        return PortError("{port} cannot be opened: {why}", port=named, why=reason)
     what = None if device is None else _device_problem(device, number)
     if what is None:
         # pyserial's text repeats the name. For an unknown option in a URL it says nothing useful.
-        reason = one_line(error, without=f"port {named}: ")
-        if isinstance(error, LookupError):
-            reason = TranslatableText("its options cannot be read")
+        unread = TranslatableText("its options cannot be read")
+        is_option = isinstance(error, LookupError)
+        reason = unread if is_option else one_line(error, without=f"port {named}: ")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
         if is_network(name):
-            what = TranslatableText(
-                " cannot be opened: {why}; does a server listen there?", why=reason
-            )
-    kind = RefusedError if device is not None and number in _REFUSALS else PortError
+            what = TranslatableText("{what}; does a server listen there?", what=what)
+    kind = RefusedError if device is not None and number in _FORBIDDEN | _BUSY else PortError
     return kind("{port}{what}", port=named, what=what)
 
 
@@ -154,9 +126,7 @@ def _device_problem(device: str, number: int | None) -> str | None:
         there = _existing_ports(device)
         if Path(device).is_file():
             there = TranslatableText("`fte-sniff view {file}` shows a recording", file=device)
-        return TranslatableText(
-            " is {what}, not a serial port; {there}", what=_file_type(device), there=there
-        )
+        return TranslatableText(" is not a serial port; {there}", there=there)
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return TranslatableText(
             ": no hardware answers there, or it was just unplugged; check the plug"
@@ -193,20 +163,6 @@ def _existing_ports(requested: str) -> str:
     )
 
 
-def _file_type(device: str) -> str:
-    try:
-        mode = Path(device).stat().st_mode
-    except OSError:
-        return TranslatableText("a path without a device")
-    kinds = {
-        stat.S_IFDIR: TranslatableText("a directory"),
-        stat.S_IFREG: TranslatableText("a file"),
-        stat.S_IFIFO: TranslatableText("a pipe"),
-        stat.S_IFCHR: TranslatableText("another kind of device"),
-    }
-    return kinds.get(stat.S_IFMT(mode), TranslatableText("something else"))
-
-
 _ASK = TranslatableText("ask the machine's administrator")
 _GROUP_ACCESS = stat.S_IRGRP | stat.S_IWGRP
 
@@ -226,26 +182,10 @@ def permission_fix(device: str) -> str:
             'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
             group=group.gr_name,
         )
-    user = _user()
-    if user in group.gr_mem and group.gr_gid not in os.getgroups():
-        return TranslatableText(
-            "{user} is in the group {group}, but not since this login: log in again",
-            user=user,
-            group=group.gr_name,
-        )
     return TranslatableText(
-        "it belongs to the group {group}: sudo usermod -aG {group} {user}, then log in again",
+        "it belongs to the group {group}: sudo usermod -aG {group} $USER, then log in again",
         group=group.gr_name,
-        user=user,
     )
-
-
-def _user() -> str:
-    assert POSIX
-    try:
-        return pwd.getpwuid(os.geteuid()).pw_name
-    except KeyError:
-        return "$USER"
 
 
 # Texts of the system, made translatable

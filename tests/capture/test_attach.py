@@ -18,7 +18,7 @@ from fte_sniff.capture.attach import (
     Attachment,
     Call,
     Strace,
-    StraceLines,
+    call_of,
 )
 from fte_sniff.capture.bridge import HOST
 from fte_sniff.capture.clock import Clock
@@ -372,7 +372,7 @@ def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypa
         strace = Strace.on(Attachment(pty.device))
         try:
             busy = refused(pty.device)
-            assert f"another debugger already (pid {strace.process.pid})" in busy
+            assert "a debugger does already: use sudo, or end the debugger" in busy
         finally:
             strace.close()
         monkeypatch.setenv("PATH", str(tmp_path))
@@ -389,14 +389,9 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
     )
     script.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-    scope = tmp_path / "scope"
-    monkeypatch.setattr("fte_sniff.capture.attach._PTRACE_SCOPE", scope)
     with held(pty.near):
         wait_until(lambda: holders_of(pty.device))
-        with pytest.raises(PortError, match=r"may not watch it: use sudo$"):
-            Attachment(pty.device).open(Clock.tied())
-        scope.write_text("1\n")
-        with pytest.raises(PortError, match=r"ptrace_scope forbids .*kernel.yama.ptrace_scope=0$"):
+        with pytest.raises(PortError, match=r"may not watch it, .* use sudo"):
             Attachment(pty.device).open(Clock.tied())
         script.write_text("#!/bin/sh\nprintf 'strace: a\\nstrace: b\\n' >&2\nexit 1\n")
         with pytest.raises(PortError, match=r"strace ended: strace: b$"):
@@ -407,8 +402,7 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
     ("line", "wires"),
     [
         (r'write(3, "\xaa\x01\x', (HOST,)),
-        (r'<... read resumed>"\x55\x0', ("port",)),
-        ("read(3, ", ()),
+        (r'read(3, "\x55\x0', ("port",)),
     ],
 )
 def test_line_of_strace_that_is_cut_is_a_gap_of_its_wire(
@@ -443,72 +437,45 @@ def ns(seconds: int, micros: int) -> int:
 
 
 @pytest.mark.parametrize(
-    ("lines", "expected"),
+    ("line", "expected"),
     [
         (
-            [r'7 1700.000100 read(3, "\xaa\x01", 64) = 2 <0.000050>'],
+            r'7 1700.000100 read(3, "\xaa\x01", 64) = 2 <0.000050>',
             Call(((b"\xaa\x01", 0),), False, ns(1700, 100), ns(1700, 150), "read"),
         ),
         (
-            [r'7 1700.000100 write(3, "\xaa\x01\x02", 3) = 2 <0.000050>'],
+            r'1700.000100 write(3, "\xaa\x01\x02", 3) = 2 <0.000050>',
             Call(((b"\xaa\x01", 0),), True, ns(1700, 100), ns(1700, 150), "write"),
         ),
         (
-            [
-                r"7 1700.000100 read(3,  <unfinished ...>",
-                r'8 1700.000200 write(3, "\xee" <unfinished ...>',
-                r'7 1700.000300 <... read resumed>"\x55", 64) = 1 <0.000200>',
-            ],
-            Call(((b"\x55", 0),), False, ns(1700, 100), ns(1700, 300), "read"),
+            r'7 1.0 writev(3, [{iov_base="\x01", iov_len=1}, {iov_base="\x02\x03",'
+            r" iov_len=2}], 2) = 3 <0.1>",
+            Call(((b"\x01", 0), (b"\x02\x03", 0)), True, ns(1, 0), ns(1, 100_000), "writev"),
         ),
         (
-            [
-                r'8 1700.000200 write(3, "\xee", 1 <unfinished ...>',
-                r"8 1700.000300 <... write resumed>) = 1 <0.000100>",
-            ],
-            Call(((b"\xee", 0),), True, ns(1700, 200), ns(1700, 300), "write"),
-        ),
-        (
-            [
-                r'7 1.0 writev(3, [{iov_base="\x01", iov_len=1}, {iov_base="\x02\x03",'
-                r" iov_len=2}], 2) = 3"
-            ],
-            Call(((b"\x01", 0), (b"\x02\x03", 0)), True, ns(1, 0), ns(1, 0), "writev"),
-        ),
-        (
-            [r'7 1.0 read(3, "\x01"..., 9000) = 9000 <0.1>'],
+            r'7 1.0 read(3, "\x01"..., 9000) = 9000 <0.1>',
             Call(((b"\x01", 8999),), False, ns(1, 0), ns(1, 100_000), "read"),
         ),
         (
-            [
-                r'7 1.0 writev(3</dev/ttyX>, [{iov_base="\x01"..., iov_len=5},'
-                r' {iov_base="\x02", iov_len=1}], 2) = 6'
-            ],
-            Call(((b"\x01", 4), (b"\x02", 0)), True, ns(1, 0), ns(1, 0), "writev"),
+            r'7 1.0 writev(3</dev/ttyX>, [{iov_base="\x01"..., iov_len=5},'
+            r' {iov_base="\x02", iov_len=1}], 2) = 6 <0.1>',
+            Call(((b"\x01", 4), (b"\x02", 0)), True, ns(1, 0), ns(1, 100_000), "writev"),
         ),
         (
-            [rf"7 1.0 sendfile(3<{TTY_X}>, 4<\x2f>, [0] => [9], 99) = 9"],
-            Call(((b"", 9),), True, ns(1, 0), ns(1, 0), "sendfile"),
+            rf"7 1.0 sendfile(3<{TTY_X}>, 4<\x2f>, [0] => [9], 99) = 9 <0.1>",
+            Call(((b"", 9),), True, ns(1, 0), ns(1, 100_000), "sendfile"),
         ),
         (
-            [rf"7 1.0 splice(3<{TTY_X}>, NULL, 4<\x70>, NULL, 99, 0) = 9"],
-            Call(((b"", 9),), False, ns(1, 0), ns(1, 0), "splice"),
+            rf"7 1.0 splice(3<{TTY_X}>, NULL, 4<\x70>, NULL, 99, 0) = 9 <0.1>",
+            Call(((b"", 9),), False, ns(1, 0), ns(1, 100_000), "splice"),
         ),
-        ([r'7 1.0 read(3, "", 64) = 0 <0.000010>'], None),
-        ([r"7 1.0 read(3, 0x7ffc, 64) = -1 EAGAIN (Try again) <0.1>"], None),
-        (
-            [r"7 1.0 read(3, 0x7ffc, 64) = ? ERESTARTSYS (To be restarted)"],
-            None,
-        ),
-        ([r"7 1.0 read(3,  <detached ...>"], None),
-        ([r"7 1.0 +++ exited with 0 +++"], None),
-        ([r"7 1.0 +++ killed by SIGKILL +++"], None),
-        ([r"7 1.0 read(3,  <unfinished ...>) = ?"], None),
+        (r'7 1.0 read(3, "", 64) = 0 <0.000010>', None),
+        (r"7 1.0 +++ exited with 0 +++", None),
+        (r"7 1.0 +++ killed by SIGKILL +++", None),
     ],
 )
-def test_lines_of_strace_are_calls(lines: list[str], expected: Call | None) -> None:
-    reader = StraceLines("/dev/ttyX")
-    assert [reader.call(line) for line in lines][-1] == expected
+def test_line_of_strace_is_a_call(line: str, expected: Call | None) -> None:
+    assert call_of(line, "/dev/ttyX") == expected
 
 
 @pytest.mark.parametrize(
@@ -524,4 +491,4 @@ def test_lines_of_strace_are_calls(lines: list[str], expected: Call | None) -> N
 )
 def test_line_that_is_cut_or_not_of_strace_is_refused(line: str) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 - any text
-        StraceLines("/dev/ttyX").call(line)
+        call_of(line, "/dev/ttyX")

@@ -65,6 +65,6 @@ def test_the_way_in_names_the_command_for_a_group_that_may(tmp_path):
     file.chmod(0o660)
     if os.geteuid() == 0:
         os.chown(file, 0, group.gr_gid)
-        assert f"sudo usermod -aG {group.gr_name} root, then log in again" in permission_fix(
+        assert f"sudo usermod -aG {group.gr_name} $USER, then log in again" in permission_fix(
             str(file)
         )

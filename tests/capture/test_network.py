@@ -117,13 +117,13 @@ def test_answers_that_nobody_asked_for_mean_nothing(server, pty):
         seen.wait(lambda s: s.data() == b"bytes")
 
 
-OPTIONS = {SET_BAUDRATE: "baudrate", SET_DATASIZE: "datasize", SET_CONTROL: "control"}
+OPTIONS = SET_BAUDRATE, SET_DATASIZE, SET_CONTROL
 
 
 @pytest.mark.parametrize(("command", "answer"), crossed([*OPTIONS], [None, b"\x63\x63\x63\x63"]))
-def test_a_server_that_refuses_an_option_is_one_line_that_names_it(server, command, answer):
+def test_a_server_that_refuses_an_option_is_one_line(server, command, answer):
     server.answers[command] = answer
-    with pytest.raises(PortError, match=f"the server refuses {OPTIONS[command]};") as refused:
+    with pytest.raises(PortError, match="the server refuses its settings, ") as refused:
         open_port(server.url)
     assert "dict_values" not in str(refused.value)
 
