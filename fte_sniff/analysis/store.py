@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 from tempfile import TemporaryFile
 from typing import Final
 
@@ -29,24 +28,13 @@ from fte_sniff.analysis.relations import FEEDBACK, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Codes, Ints, Item, Rows
+from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
 MEMORY_ROWS: Final = 10_000_000
 """Rows that are in memory; later blocks are in a file."""
 STEP_ROWS: Final = 1 << 17
 """Rows that `Matches.extend` tests at once: a few hundredths of a second."""
-
-
-class RowNote(IntEnum):
-    """Why a row is worth a look, the most important last."""
-
-    NONE = 0
-    RAISED = 1
-    UNANSWERED = 2
-    """Known about a second later than the others, and for some rows never."""
-    SUSPECT = 3
-    MALFORMED = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +47,7 @@ class Mark:
 
 
 class RowStore:
-    """All rows so far, with their facts and notes."""
+    """All rows so far, with their facts."""
 
     def __init__(self, block_rows: int = BLOCK_ROWS, memory_rows: int = MEMORY_ROWS) -> None:
         self._block_rows, self._memory_blocks = block_rows, memory_rows // block_rows
@@ -101,7 +89,7 @@ class RowStore:
         if self._heard[recording] == NEVER and (at := np.flatnonzero(FEEDBACK[rows.kinds])).size:
             self._heard[recording] = start + int(at[0])
         self.ports = tuple(dict.fromkeys((*self.ports, *rows.ports)))
-        columns = {**rows.with_ports(self.ports).columns, "note": notes_of(rows)}
+        columns = rows.with_ports(self.ports).columns
         for block, own, part in self._parts(start, self.next):
             for name, values in columns.items():
                 block[name][own] = values[part]
@@ -113,9 +101,6 @@ class RowStore:
         for block, own, part in self._parts(start, self.known):
             for name in FACTS:
                 block[name][own] = facts.columns[name][part]
-            notes = block["note"][own]
-            missed = facts.unanswered[part] > 0
-            notes[missed & (notes < RowNote.UNANSWERED)] = RowNote.UNANSWERED
 
     def _parts(self, start: int, end: int) -> Iterator[tuple[dict[str, Array], slice, slice]]:
         """The blocks of a span, the rows of it in each, and their slice of the span."""
@@ -147,11 +132,6 @@ class RowStore:
             block = self._blocks[number]
             parts.append(Rows({name: block[name][at] for name in COLUMNS}, self.ports))
         return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
-
-    def notes(self, start: int, end: int) -> Codes:
-        """The `RowNote` of each row of a span."""
-        parts = [block["note"][own] for block, own, _ in self._parts(start, min(end, self.next))]
-        return np.concatenate(parts) if parts else np.zeros(0, np.uint8)
 
     def runs(self, start: int, end: int) -> Runs:
         """The runs of the rows of a span."""
@@ -195,7 +175,7 @@ NO_FRAME: Final = Rows.blank(1, framed=[False], length=[1])
 
 def _block(size: int, *, in_file: bool) -> dict[str, Array]:
     """Columns with space for rows, in memory or in a temporary file."""
-    types = {name: np.dtype(kind) for name, (kind, _) in COLUMNS.items()} | {"note": np.dtype("u1")}
+    types = {name: np.dtype(kind) for name, (kind, _) in COLUMNS.items()}
     if not in_file:
         return {name: np.empty(size, kind) for name, kind in types.items()}
     with TemporaryFile() as file:
@@ -207,14 +187,6 @@ def _block(size: int, *, in_file: bool) -> dict[str, Array]:
         own = space[at : at + size * kind.itemsize].view(kind.base)
         found[name], at = own.reshape(size, *kind.shape), at + size * kind.itemsize
     return found
-
-
-def notes_of(rows: Rows) -> Codes:
-    """The `RowNote` of each row, without those that a fact gives."""
-    notes: Codes = np.where(rows.is_malformed, RowNote.MALFORMED, RowNote.SUSPECT).astype(np.uint8)
-    sound = rows.faults == 0
-    notes[sound] = np.where(rows.raised()[sound], RowNote.RAISED, RowNote.NONE)
-    return notes
 
 
 class Matches:
@@ -255,28 +227,3 @@ class Matches:
     def position_of(self, index: int) -> int:
         """The number of rows before an index: the position of a row that passes."""
         return int(np.searchsorted(self.indices, index))
-
-    def next_noted(self, index: int, note: RowNote, by: int = 1) -> int | None:
-        """Index of the next row (`by` 1) or the one before (-1) with at least this note."""
-        own = self.indices
-        own = own[self.position_of(index + 1) :] if by > 0 else own[: self.position_of(index)][::-1]
-        for start in range(0, len(own), STEP_ROWS):
-            some = own[start : start + STEP_ROWS]
-            low, high = int(some.min()), int(some.max()) + 1
-            found = np.flatnonzero(self._store.notes(low, high)[some - low] >= note)
-            if len(found):
-                return int(some[found[0]])
-        return None
-
-    def overview(self, cells: int) -> list[tuple[RowNote, float]]:
-        """The worst note in equal shares of the rows, and the share of rows that have it."""
-        own = self.indices
-        if not len(own):
-            return []
-        low = int(own[0])
-        notes = self._store.notes(low, int(own[-1]) + 1)[own - low]
-        starts = np.unique(np.linspace(0, len(notes), cells, endpoint=False).astype(np.int64))
-        worst = np.maximum.reduceat(notes, starts)
-        sizes = np.diff(starts, append=len(notes))
-        same = np.add.reduceat(notes == np.repeat(worst, sizes), starts) / sizes
-        return [(RowNote(one), float(share)) for one, share in zip(worst, same, strict=True)]

@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -32,7 +31,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
-from fte_sniff.errors import FileError, FilterError, UsageError, printable, size_text
+from fte_sniff.errors import FileError, FilterError, UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.following import Following
@@ -64,7 +63,8 @@ def command(
 ) -> None:
     """Show recordings, raw bytes or hex text on the screen of `live`.
 
-    A folder means the recordings in it. The rows of several files are merged by time.
+    A folder means the recordings in it. The rows of several files are merged by time. Without a
+    FILE, the latest recording of this folder is shown.
 
     \b
     fte-sniff view samples/damaged.mcap
@@ -81,7 +81,7 @@ def command(
     settings = load_settings()
     language = settings.language(lang)
     if not query.files:
-        query = replace(query, files=(_picked(language),))
+        query = replace(query, files=(_latest(),))
     check_inputs(query.files)
     from fte_sniff.session.notes import Notes
     from fte_sniff.session.replay import Played, ReplaySession
@@ -168,26 +168,9 @@ def _filter_of(place: Place) -> RowFilter | None:
         return None
 
 
-MOST_RECENT: Final = 30
-
-
-def _picked(language: str) -> Path:
-    """The recording of this folder that the user picks; ends the command where none is picked."""
-    dated = sorted(((path.stat().st_mtime, path) for path in Path().glob("*.mcap")), reverse=True)
-    if not dated:
+def _latest() -> Path:
+    """The latest recording of this folder."""
+    found = max(Path().glob("*.mcap"), key=lambda path: path.stat().st_mtime, default=None)
+    if found is None:
         raise UsageError("this folder has no recording; name a FILE")
-    from fte_sniff.tui.help import pick
-
-    width = max(len(printable(path.name)) for _, path in dated[:MOST_RECENT])
-    entries = [
-        (
-            f"{printable(path.name):<{width}}  {datetime.fromtimestamp(at_s):%Y-%m-%d %H:%M}"
-            f"  {size_text(path.stat().st_size):>8}",
-            str(path),
-        )
-        for at_s, path in dated[:MOST_RECENT]
-    ]
-    chosen = pick(entries, language)
-    if chosen is None:
-        sys.exit(0)
-    return Path(chosen)
+    return found

@@ -61,14 +61,14 @@ from fte_sniff.tui.view import Span, View
 TICK_S: Final = 0.1
 """Time between two polls of the feed: rows come on the screen ten times a second."""
 
-STRIP_NS: Final = 500_000_000
-"""Shortest time between two updates of the motors, while rows come."""
+NEWS_NS: Final = 500_000_000
+"""Shortest time between two drawings of the motors and the page, while rows come."""
 
 MOVED_NS: Final = 100_000_000
-"""As `STRIP_NS`, while the cursor moves."""
+"""As `NEWS_NS`, while the cursor moves."""
 
 SHARE: Final = 8
-"""A page that takes long to draw waits this many times as long until it is drawn again."""
+"""What takes long to draw waits this many times as long until it is drawn again."""
 
 FINDINGS_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings in a capture."""
@@ -113,14 +113,13 @@ class SniffApp(App[None]):
         self._compose_parts()
         self.typed = TypedKeys(self)
         self._available: tuple[object, ...] = ()
-        self._strip_key: tuple[object, ...] = ()
-        self._strip_at_ns = self._page_due_ns = self._search_due_ns = 0
-        self._page_key: tuple[object, ...] = ()
+        self._asked: tuple[object, ...] = ()
+        self._drawn: tuple[object, ...] = ()
+        """What the user asked for and what came, as of the last drawing of the motors."""
+        self._draw_due_ns = self._search_due_ns = 0
         self._span = Span(0, 0, None, None)
         self._states: Sequence[MotorState] = ()
         self._since: dict[int, tuple[Trouble, int]] = {}
-        self._held: int | None = None
-        """Index of the row at which a page stopped following the end."""
         self._searched, self._examiner = -1, Examiner(self.view.store)
         self._recording_since_ns: int | None = None
         self._reported = set[tuple[Cause, str, int | None]]()
@@ -231,13 +230,14 @@ class SniffApp(App[None]):
 
     def action_command(self, run: str, _language: str = "") -> None:
         """Run a command; the answer to the key before is removed."""
-        before = self.status.answer
+        answers = self.status.answers
         owner, name, parameters = parse(run)
         if owner == "app":
             getattr(self, f"do_{name}")(*parameters)
         else:
             getattr(self._owners[owner], name)(*parameters)
-        self.status.remove_answer(before)
+        if self.status.answers == answers:
+            self.status.inform("")
         self.show_state()
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
@@ -298,24 +298,17 @@ class SniffApp(App[None]):
         self._show(None if self.pane.page is page else page)
 
     def _show(self, page: Page | None) -> None:
-        """Show a page; one that explains a row stops following the end until it is closed."""
-        viewport = self.table.viewport
+        """Show a page; one that explains a row stops following the end."""
         before = self.pane.page
         if before is self.findings and page is not self.findings and before is not page:
             self.view.finding = None
         self.pane.show(page)
         if page is not None and page.EXPLAINS_ROW:
-            if viewport.following and not viewport.paused:
-                self._held = self.table.last_index
             self.table.stop_following()
-        elif self._held is not None:
-            held, self._held = self._held, None
-            if held == self.table.last_index:
-                self.table.follow()
         if page is None and self._part is self.pane:
             self._give(self.table)
         self._place_pane()
-        self._page_key = self._strip_key = ()
+        self._asked = ()
         self.call_after_refresh(self.show_state)
 
     def do_motor(self, motor: int) -> None:
@@ -324,12 +317,12 @@ class SniffApp(App[None]):
         self.motors.chosen = None if is_shown and self.motors.chosen == motor else motor
         if not is_shown:
             self._show(self.motors)
-        self._page_key = ()
+        self._asked = ()
 
     def do_change(self, what: str, by: int) -> None:
         """Change how the motors are drawn."""
         self.motors.change(what, by)
-        self._page_key = ()
+        self._asked = ()
 
     def do_field(self, by: int) -> None:
         """Look at the next field of the cursor's row, or at the previous one."""
@@ -394,7 +387,7 @@ class SniffApp(App[None]):
             styles.remove(TimeStyle.LOCAL)
         style = choice_after(self.table.look.times, styles)
         self.table.set_look(times=style)
-        self._page_key = self._strip_key = ()
+        self._asked = ()
         self.status.inform(_(style.meaning))
 
     def do_changes(self) -> None:
@@ -414,7 +407,7 @@ class SniffApp(App[None]):
         """Switch to the next theme."""
         self.theme = choice_after(self.theme, THEMES)
         self.table.draw()
-        self._page_key = self._strip_key = ()
+        self._asked = ()
         self.status.inform(_("theme {name}", name=self.theme))
 
     def do_language(self) -> None:
@@ -422,7 +415,7 @@ class SniffApp(App[None]):
         self.language = choice_after(self.language, list(LANGUAGES))
         switch_language(self.language)
         self._bind_keys()
-        self._page_key = self._strip_key = self._available = ()
+        self._asked = self._available = ()
         self._header.refresh()
         self.status.inform(_("the language is English"))
 
@@ -447,7 +440,8 @@ class SniffApp(App[None]):
         if self.pane.page is not None:
             self._show(None)
         elif state.recording is not None and state.running and not self.status.asks:
-            self.status.ask(_("press q or ^c again to stop recording and quit"))
+            text = _("press q or ^c again to stop recording and quit")
+            self.status.inform(text, asks=True)
         else:
             self.exit()
 
@@ -473,7 +467,7 @@ class SniffApp(App[None]):
 
     def _look_at(self, finding: Finding | None) -> None:
         self.view.finding = finding
-        self._strip_key = self._page_key = ()
+        self._asked = ()
 
     # Time
 
@@ -564,9 +558,9 @@ class SniffApp(App[None]):
         if state.trouble and state.trouble != before:
             status.warn(_(state.trouble), "recording")
         elif not state.trouble:
-            status.unpin("recording")
+            status.forget("recording")
         if ended and status.asks:
-            status.remove_answer(status.answer)  # nothing is recorded any more
+            status.inform("")  # nothing is recorded any more
         if ended and self._options.leave_at_end:
             self.exit()
         elif ended and state.ended:
@@ -604,9 +598,9 @@ class SniffApp(App[None]):
         search = partial(self._examiner.search, lives=self.view.lives)
         found, coverage = await asyncio.to_thread(search)
         self.findings.take(found, coverage)
-        self._page_key = ()
+        self._asked = ()
         if not self.view.state.live:
-            if found and self.pane.page is None and not self._reported:
+            if found and not self.typed.began:
                 self._show(self.findings)
         else:
             self._announce(found)
@@ -626,8 +620,7 @@ class SniffApp(App[None]):
 
     def show_all(self) -> None:
         """Draw all that has changed, however little time has passed."""
-        self._strip_at_ns = self._page_due_ns = 0
-        self.table.end_overview_pause()
+        self._asked = ()
         self.show_state()
 
     def show_state(self) -> None:
@@ -649,7 +642,6 @@ class SniffApp(App[None]):
         self.status.show(self._numbers())
         self.table.empty_text = self._empty_text()
         self._show_motors()
-        self._show_page()
         available = tuple(self.check_action("command", (run,)) for run in COMMANDS)
         if available != self._available:
             self._available = available
@@ -693,29 +685,32 @@ class SniffApp(App[None]):
         return viewport.following and not viewport.paused
 
     def _show_motors(self) -> None:
-        """The motors at the cursor's row, or now."""
-        view, now_ns = self.view, self.now_ns()
-        cursor = None if self._follows else self.table.cursor_index
+        """Draw the motors and the page at the cursor's row, or now, where they have changed."""
+        view, table, pane, now_ns = self.view, self.table, self.pane, self.now_ns()
+        cursor = None if self._follows else table.cursor_index
         chosen = self.strip.chosen if self._part is self.strip else None
-        key = (
-            *(view.finding, cursor, view.store.next if cursor is None else 0, chosen),
-            *(self.strip.size, self.theme, self.language),
+        asked = (
+            *(view.finding, chosen, self.strip.size, self.theme, self.language),
+            *(pane.page, pane.size, table.field, view.shown.matches),
+            *(self.findings.at, self.findings.found, self.streams.at),
         )
-        pause_ns = STRIP_NS if cursor is None else MOVED_NS
-        is_due = now_ns - self._strip_at_ns >= pause_ns or not self._strip_key
-        if key == self._strip_key or not is_due or (not view.store.next and self._states):
+        drawn = (table.cursor_index, view.shown.count, view.store.next if cursor is None else 0)
+        if asked == self._asked and (drawn == self._drawn or now_ns < self._draw_due_ns):
             return
-        self._strip_key, self._strip_at_ns = key, now_ns
+        self._asked, self._drawn = asked, drawn
         self._span = view.span(cursor, now_ns)
         self._states = view.motors(self._span)
         self.strip.text = strip_text(
             self._states,
             (self.size.width, self.strip.size.height),
-            self.table.palette,
-            lambda t_ns: clock_text(t_ns, 0, self.table.look.shown_zone)[:8],
+            table.palette,
+            lambda t_ns: clock_text(t_ns, 0, table.look.shown_zone)[:8],
             self._times_of_trouble(),
             chosen,
         )
+        pane.draw(self._page_context(now_ns))
+        pause_ns = NEWS_NS if cursor is None else MOVED_NS
+        self._draw_due_ns = now_ns + max(pause_ns, SHARE * (self.now_ns() - now_ns))
 
     def _times_of_trouble(self) -> dict[int, int]:
         """By motor, since when it is in trouble, where that is known."""
@@ -733,26 +728,6 @@ class SniffApp(App[None]):
             if trouble not in (Trouble.NONE, Trouble.UNKNOWN)
         }
 
-    def _show_page(self) -> None:
-        """Draw the open page, where it is due."""
-        page, table, now_ns = self.pane.page, self.table, self.now_ns()
-        if page is None:
-            return
-        key = (
-            *(page, self._strip_key, table.cursor_index, table.field, self.pane.size),
-            *(self.view.shown.matches, self.view.shown.count),
-            *(self.findings.at, self.findings.found, self.streams.at),
-        )
-        is_forced = not self._page_key
-        if key == self._page_key or (
-            now_ns < self._page_due_ns and self.view.lives and not is_forced
-        ):
-            return
-        self._page_key = key
-        self.pane.draw(self._page_context(now_ns))
-        took_ns = self.now_ns() - now_ns
-        self._page_due_ns = now_ns + max(int(page.REDRAW_S * 1e9), SHARE * took_ns)
-
     def _page_context(self, now_ns: int) -> Context:
         table = self.table
         return Context(
@@ -767,7 +742,6 @@ class SniffApp(App[None]):
             table.look.shown_zone,
             table.field,
             self.pane.room,
-            self.size.height >= 40,
         )
 
     # Messages of the parts
@@ -792,7 +766,7 @@ class SniffApp(App[None]):
 
     @on(Pane.Resized)
     def _on_pane_resized(self) -> None:
-        self._page_key = ()
+        self._asked = ()
         self.show_state()
 
     @on(CommandLine.Typed)
@@ -800,7 +774,7 @@ class SniffApp(App[None]):
         """Show what continues the line; the parts have the keys again once it is closed."""
         if self.line.question is None:
             self._give(self._part)
-            self.status.unpin("line")
+            self.status.forget("line")
         elif event.suggestions:
             self.status.pin("line", f"tab: {'   '.join(event.suggestions)}")
         else:

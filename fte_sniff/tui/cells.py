@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
 from functools import cache
@@ -57,34 +57,10 @@ def short_feedback(kind: FrameKind, width: int) -> str | None:
 
 @cache
 def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
-    """The labels of a kind's fields, in forms of falling length."""
-    fields = kind.fields
-    short = _shortest([field.option for field in fields])
-    return (
-        tuple(f"{field.option}=" for field in fields),
-        tuple(_letter(field) or f"{field.option}=" for field in fields),
-        tuple(_letter(field) or f"{short[field.option]}=" for field in fields),
-        tuple(_letter(field) for field in fields),
-    )
-
-
-def _letter(field: Field) -> str:
-    return "" if field.unit else field.option[0].upper()
-
-
-def _shortest(names: Sequence[str]) -> dict[str, str]:
-    """The shortest unique prefix of each name."""
-    return {
-        name: next(
-            (
-                name[:size]
-                for size in range(1, len(name))
-                if sum(other.startswith(name[:size]) for other in names) == 1
-            ),
-            name,
-        )
-        for name in names
-    }
+    """The labels of a kind's fields, and those where there is little space."""
+    names = (f"{field.option}=" for field in kind.fields)
+    short = ("" if field.unit else field.option[0].upper() for field in kind.fields)
+    return tuple(names), tuple(short)
 
 
 ValuePart: TypeAlias = tuple[str, Field]
@@ -101,8 +77,7 @@ def value_parts(
     """A frame's values by their short names, `motor=1`, which fit into `width` cells with spaces.
 
     Only values that are `shown`; by default, flag bytes with their default value are left out. If
-    the text does not fit the width, names are shortened (`M1 rpm=1000`, `M1 r=1000`), then left out
-    (`M1 1000`).
+    the text does not fit the width, the names are short: `M1 1000`.
     """
     parts: list[ValuePart] = []
     values = [(field, field.read(raw)) for field in kind.fields]
@@ -442,15 +417,6 @@ class TableLayout:
         movable = len(self.columns) - 1
         fitting = (n for n in range(movable) if self.without(n).width <= width)
         return next(fitting, max(0, movable - 1))
-
-    def end_of(self, name: str) -> int:
-        """The cell after the column of that name."""
-        names = [column.name for column in self.columns]
-        return TableLayout(self.columns[: names.index(name) + 1]).width
-
-    def column_at(self, cell: int) -> TableColumn | None:
-        """The column at a cell of the line; the gap before a column belongs to it."""
-        return next((column for column in self.columns if cell < self.end_of(column.name)), None)
 
 
 @cache

@@ -46,6 +46,7 @@ NO_ANSWER: Final = {
         "unanswered: the motor's next command, or the deadline, came first"
     ),
     AnswerState.UNKNOWN: later("whether it was answered is unknown"),
+    AnswerState.HIDDEN: later("whether it was answered is unknown: a filter hid the feedback"),
     AnswerState.UNCOVERED: later("whether it was answered is unknown: no feedback came before it"),
 }
 """What is known of a command that has no answer."""
@@ -63,7 +64,6 @@ AROUND_BYTES: Final = 32
 class _Layout:
     palette: Palette
     width: int
-    bit_lines: bool
     field: int | None
 
 
@@ -82,7 +82,7 @@ class DetailPage(Page):
         row, index = context.row, context.index
         if row is None or index is None:
             return Text(_("no row"))
-        layout = _Layout(context.palette, context.size.width, context.tall, context.field)
+        layout = _Layout(context.palette, context.size.width, context.field)
         lines = _heading(row, context, layout)
         style = context.palette.statuses[row.status]
         marked = [(LOOKS[row.status].mark, text, style) for text in explain(row)]
@@ -185,15 +185,7 @@ def _field_lines(
     if not inline:
         yield Text.assemble((mark, style), " ", (spaced_hex(field.raw), own))
     yield from _indented(note, style, layout.width)
-    if not layout.bit_lines:
-        yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout.width)
-        return
-    for bit in field.bits:
-        value, meaning = "01"[bit.is_set], _(bit.meaning)
-        text = _(
-            "bit {number} is {value}: {meaning}", number=bit.number, value=value, meaning=meaning
-        )
-        yield from _indented(text, Style.null() if bit.is_set else palette.muted, layout.width)
+    yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout.width)
 
 
 def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:

@@ -175,7 +175,7 @@ class Export:
         else:
             self._forget_job()
             text = _("saved {count:,} rows to {file}", count=job.rows, file=job.path)
-            self._status.report(text)
+            self._status.inform(text)
             self._table.selection_start = None
             self._table.draw()
 
@@ -197,7 +197,7 @@ class Export:
 
     def _forget_job(self) -> None:
         self.job = None
-        self._status.unpin("save")
+        self._status.forget("save")
 
     def abandon(self) -> bool:
         """Cancel a running save and remove its file; returns whether there was one."""

@@ -120,9 +120,7 @@ class Filters:
         row = self._table.cursor_row
         if row is None:
             return
-        cells = cell_filters(row)
-        cells.sort(key=lambda cell: cell.column != self._table.column)
-        by_text = {cell.only: condition(cell) for cell in cells}
+        by_text = {cell.only: condition(cell) for cell in cell_filters(row)}
 
         def accept(line: str) -> None:
             self.add(by_text.get(line, line))

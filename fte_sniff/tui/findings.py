@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import tzinfo
-from typing import ClassVar
 
 from rich.style import Style
 from rich.text import Text
@@ -27,7 +26,6 @@ class FindingsPage(Page):
     """The findings about all rows so far."""
 
     NAME = "findings"
-    REDRAW_S: ClassVar[float] = 0.5
 
     def __init__(self) -> None:
         self.found: Sequence[Finding] = ()

@@ -1,33 +1,30 @@
-"""The help: a page of keys and signs, and one of filters; a list from which a file is picked."""
+"""The help: a page of keys and signs, and one of filters."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import ClassVar, Final
 
 from rich.cells import cell_len
 from rich.text import Text
-from textual import on
-from textual.app import App, ComposeResult
+from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
-from textual.widgets import OptionList, Static
-from textual.widgets.option_list import Option
+from textual.widgets import Static
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
-from fte_sniff.i18n import _, later, set_language
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
 from fte_sniff.protocol.spec import online_bit_text
 from fte_sniff.tui.cells import RAISED_MARK, TimeStyle
 from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
-from fte_sniff.tui.painter import BAR_EVENT, BAR_MARKED, BAR_RAISED, EVENT_SIGN, SHADES, Sign
+from fte_sniff.tui.painter import EVENT_SIGN, Sign
 
 Pairs = Sequence[tuple[str, str]]
 """Keys, signs or names, each with its meaning, in the language of the screen."""
@@ -67,10 +64,6 @@ def _key_sections() -> Iterator[tuple[str, Pairs]]:
     signs += [(RAISED_MARK, _(RAISED)), (ORDER_MARK, _(UNCERTAIN_ORDER))]
     signs += [(sign.value, _(sign.meaning)) for sign in Sign if sign.meaning]
     yield _("Signs of rows"), [*signs, (EVENT_SIGN, _(EVENT))]
-    faulty = _("rows with a fault, few to many; the colour is that of the worst")
-    in_bar = [(SHADES, faulty), (BAR_RAISED, _(RAISED)), (BAR_MARKED, _(Sign.MARKED.meaning))]
-    in_bar += [(Sign.UNANSWERED.value, _(Sign.UNANSWERED.meaning)), (BAR_EVENT, _(EVENT))]
-    yield _("Signs in the scroll bar"), in_bar
     yield _("Times"), [(_(style.value), _(style.meaning)) for style in TimeStyle]
 
 
@@ -117,24 +110,13 @@ class HelpPage(ModalScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,question_mark,enter", "dismiss", show=False),
         Binding("tab,f,right,left", "turn", show=False),
-        *(
-            Binding(keys, f"scroll('{how}')", show=False)
-            for keys, how in {
-                "down,j": "down",
-                "up,k": "up",
-                "pagedown,ctrl+d,space": "page_down",
-                "pageup,ctrl+u": "page_up",
-                "home,g": "home",
-                "end,G": "end",
-            }.items()
-        ),
     ]
 
     def __init__(self) -> None:
         super().__init__()
         self._page = 0
         self._text = Static()
-        self._box = VerticalScroll(self._text, id="help", can_focus=False)
+        self._box = VerticalScroll(self._text, id="help")
 
     def compose(self) -> ComposeResult:
         """The page."""
@@ -149,7 +131,7 @@ class HelpPage(ModalScreen[None]):
         self._text.update(help_text(self._page, max(20, width - 1)))
         title, other = PAGES[self._page][0], PAGES[1 - self._page][0]
         self._box.border_title = Text(_(title))
-        hint = _("tab: {page}   space: on   esc: back", page=_(other))
+        hint = _("tab: {page}   esc: back", page=_(other))
         self._box.border_subtitle = Text(hint)
 
     def action_turn(self) -> None:
@@ -157,35 +139,3 @@ class HelpPage(ModalScreen[None]):
         self._page = 1 - self._page
         self._box.scroll_home(animate=False)
         self._draw()
-
-    def action_scroll(self, how: str) -> None:
-        """Scroll the page."""
-        getattr(self._box, f"scroll_{how}")(animate=False)
-
-
-class PickerApp(App[str | None]):
-    """A screen of its own for one list, before another screen opens."""
-
-    CSS_PATH = Path(__file__).with_name("screen.tcss")
-    ENABLE_COMMAND_PALETTE = False
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,q", "quit", show=False)]
-
-    def __init__(self, title: str, entries: Sequence[tuple[str, str]]) -> None:
-        """A title, and the text and the value of each line."""
-        super().__init__()
-        self._list = OptionList(*(Option(text, value) for text, value in entries), markup=False)
-        self._list.border_title = Text(title)
-
-    def compose(self) -> ComposeResult:
-        """The list."""
-        yield self._list
-
-    @on(OptionList.OptionSelected)
-    def _on_selected(self, event: OptionList.OptionSelected) -> None:
-        self.exit(event.option_id)
-
-
-def pick(entries: Sequence[tuple[str, str]], language: str) -> str | None:
-    """Let the user pick one of recent recordings; None if nothing was picked."""
-    set_language(language)
-    return PickerApp(_("recordings in this folder, the latest first"), entries).run()

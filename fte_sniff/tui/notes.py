@@ -95,7 +95,7 @@ class NotesControl:
         if text:
             self._status.pin("note", _("note: {text}", text=text))
         else:
-            self._status.unpin("note")
+            self._status.forget("note")
 
     def to_mark(self, by: int) -> None:
         """Go to the next shown mark, or to the previous one."""

@@ -50,8 +50,6 @@ class Context:
     """Number in `dissect` of the field that the user looks at in the row."""
     size: Size
     """Cells for the text."""
-    tall: bool
-    """Whether the terminal has many lines."""
 
     def row_text(self, index: int) -> str:
         """The number of a row among those shown."""
@@ -68,8 +66,6 @@ class Page(ABC):
     """Name in the command of its key: `panes.switch('motors')`."""
     EXPLAINS_ROW: ClassVar[bool] = False
     """Whether it is about the cursor's row, which then should not move away."""
-    REDRAW_S: ClassVar[float] = 0.25
-    """Shortest time between two drawings, seconds."""
 
     @abstractmethod
     def titles(self, context: Context) -> Sequence[str]:
@@ -126,8 +122,8 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
         text.no_wrap = True
         before = self._text.content
         if not isinstance(before, Text) or text != before or text.spans != before.spans:
-            lines_stay = before and f"{before}".count("\n") == text.plain.count("\n")
-            self._text.update(text, layout=not lines_stay)
+            self._text.update(text, layout=False)
+            self._text.styles.height = text.plain.count("\n") + 1
             self.call_after_refresh(self._reveal, text)
 
     def _reveal(self, text: Text) -> None:

@@ -1,4 +1,4 @@
-"""What the table draws: its styles, rows as lines of styled segments, signs in the scroll bar.
+"""What the table draws: its styles, and rows as lines of styled segments.
 
 Colour is for status only: damage, suspect rows, flags, hits. What is about a row itself, such as
 its kind and values, is plain, and bold in commands.
@@ -6,21 +6,17 @@ its kind and values, is plain, and bold in commands.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import groupby
-from math import log
 from typing import Final, TypeAlias
 
 from rich.cells import cell_len
-from rich.color import Color as TerminalColor
-from rich.segment import Segment, Segments
+from rich.segment import Segment
 from rich.style import Style
-from textual.scrollbar import ScrollBarRender
 from textual.strip import Strip
 
-from fte_sniff.analysis.store import RowNote
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.looks import LOOKS, Ground, mark_of
 from fte_sniff.i18n import ExplainedWord
@@ -45,7 +41,6 @@ from fte_sniff.tui.cells import (
     is_raised,
     value_parts,
 )
-from fte_sniff.tui.shown import Shown
 
 PLAIN: Final = Style.null()
 BOLD: Final = Style(bold=True)
@@ -315,81 +310,3 @@ def _weight(row: Row) -> Style:
 def _is_boxed(style: Style) -> bool:
     """Whether the style shows on a space."""
     return bool(style.underline or style.reverse or style.bgcolor)
-
-
-SHADES: Final = "░▒▓█"
-"""Signs of faults in a cell of the bar, from few to as many as in the fullest cell."""
-
-SPARSE: Final = 0.0003
-"""Share of the rows with a fault up to which a cell has the lightest shade."""
-
-DENSE: Final = 0.01
-"""Share from which on the fullest cell has the darkest shade."""
-
-BAR_RAISED: Final = "▲"
-BAR_MARKED: Final = "◄"
-BAR_EVENT: Final = "═"
-
-_BAR_SIGNS: Final = {RowNote.RAISED: BAR_RAISED, RowNote.UNANSWERED: Sign.UNANSWERED.value}
-_STATUSES: Final = {RowNote.SUSPECT: Status.SUSPECT, RowNote.MALFORMED: Status.MALFORMED}
-
-
-def bar_signs(
-    shown: Shown, marks: Iterable[int], height: int, palette: Palette
-) -> Iterator[tuple[int, _Run]]:
-    """The signs in a bar of `height` cells: cell, text and style of each; later ones win."""
-    cells = shown.overview(height)
-    fullest = max((share for worst, share in cells if worst in _STATUSES), default=0.0)
-    for at, (worst, share) in enumerate(cells):
-        if worst in _BAR_SIGNS:
-            yield at, (_BAR_SIGNS[worst], palette.raised)
-        elif worst:
-            yield at, (shade(share, fullest), palette.statuses[_STATUSES[worst]])
-    each = max(1, -(-shown.count // max(1, height)))
-    events = (one.index for one in shown.landmarks if not one.is_routine)
-    for sign, indices in ((BAR_EVENT, events), (BAR_MARKED, marks)):
-        for index in indices:
-            at = min(shown.position_of(index), max(0, shown.count - 1)) // each
-            yield at, (sign, palette.signs)
-
-
-def shade(share: float, fullest: float) -> str:
-    """The sign of a share of rows with a fault, on a logarithmic scale up to the fullest cell."""
-    level = log(max(share, SPARSE) / SPARSE) / log(max(fullest, DENSE) / SPARSE)
-    return SHADES[min(int(level * len(SHADES)), len(SHADES) - 1)]
-
-
-class OverviewRender(ScrollBarRender):
-    """The scroll bar with signs: where faults, flags, marks and events are in all rows."""
-
-    signs: Mapping[int, _Run]
-
-    @classmethod
-    def with_signs(cls, signs: Mapping[int, _Run]) -> type[OverviewRender]:
-        """A renderer of these signs, by cell."""
-        return type("OverviewRender", (cls,), {"signs": signs})
-
-    @classmethod
-    def render_bar(
-        cls,
-        size: int = 25,
-        virtual_size: float = 50,
-        window_size: float = 20,
-        position: float = 0,
-        thickness: int = 1,
-        vertical: bool = True,
-        back_color: TerminalColor = TerminalColor.parse("#555555"),  # noqa: B008
-        bar_color: TerminalColor = TerminalColor.parse("bright_magenta"),  # noqa: B008
-    ) -> Segments:
-        """The bar of the base class, with a sign in some of its cells."""
-        bar = super().render_bar(
-            size, virtual_size, window_size, position, thickness, vertical, back_color, bar_color
-        )
-        segments = list(bar.segments)
-        for cell, (text, style) in cls.signs.items():
-            if cell < len(segments):
-                own = segments[cell].style or PLAIN
-                # The thumb, which is reversed, stays visible.
-                shown = own + (Style(bgcolor=style.color) if own.reverse else style)
-                segments[cell] = Segment(text, shown)
-        return Segments(segments, new_lines=True)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from fte_sniff.analysis.store import STEP_ROWS, Matches, RowNote, RowStore
+from fte_sniff.analysis.store import STEP_ROWS, Matches, RowStore
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Bools, Codes, Ints, Rows
+from fte_sniff.protocol.rows import Bools, Ints, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
@@ -125,18 +125,6 @@ class Shown:
                 return int(passing[0 if by > 0 else -1])
             start, stop = (high, stop) if by > 0 else (start, low)
         return None
-
-    def overview(self, cells: int) -> list[tuple[RowNote, float]]:
-        """The shown rows in equal shares: the worst note, and the share of rows with a fault."""
-        notes: Codes = self.store.notes(0, self.store.next)
-        notes = notes if self.matches is None else notes[self.matches.indices]
-        if not len(notes) or cells < 1:
-            return []
-        each = -(-len(notes) // cells)
-        starts = range(0, len(notes), each)
-        worst = np.maximum.reduceat(notes, starts).tolist()
-        faulty = np.add.reduceat(notes >= RowNote.SUSPECT, starts, dtype=np.int64).tolist()
-        return [(RowNote(one), rows / each) for one, rows in zip(worst, faulty, strict=True)]
 
     def landmarks_between(self, start: int, end: int) -> Iterator[Landmark]:
         """The events and gaps before the rows from one index up to another."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 from datetime import UTC, timedelta, tzinfo
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import Final
 
 from rich.cells import cell_len
@@ -129,48 +128,21 @@ INFO_S: Final = 8.0
 """How long an answer stays where no key is pressed, seconds."""
 
 
-class Rank(IntEnum):
-    """What a notice is about; that with the highest rank is shown, of equal ones the newest."""
-
-    STATE = 0
-    """Shown while it lasts."""
-    EVENT = 1
-    """Shown for a while."""
-    WARNING = 2
-    """Shown until esc."""
-    ANSWER = 3
-    """Shown until the next key."""
-    QUESTION = 4
-    """What a key asks before it acts."""
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """A text, and what it is about."""
-
-    text: str
-    rank: Rank
-
-
 class StatusLine(Static):
-    """The numbers, or in their place the most important news."""
+    """One line: the answer to a key, else the newest warning, else a state, else the numbers."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._notices: dict[Hashable, Notice] = {}
-        """By topic, the newest last."""
-        self._expiries: dict[Hashable, Timer] = {}
-        self._numbers = Text()
-
-    @property
-    def answer(self) -> Notice | None:
-        """The answer to the last key, or its question."""
-        return self._notices.get(Rank.ANSWER)
-
-    @property
-    def asks(self) -> bool:
-        """Whether the answer is a question."""
-        return self.answer is not None and self.answer.rank is Rank.QUESTION
+        self.answers = 0
+        """Answers so far."""
+        self.asks = False
+        """Whether the answer is a question, which the same key confirms."""
+        self._answer, self._numbers = "", Text()
+        self._warnings: dict[Hashable, str] = {}
+        """By topic, the newest last; shown until esc."""
+        self._states: dict[Hashable, str] = {}
+        """By topic; shown while they last."""
+        self._expiry: Timer | None = None
 
     def show(self, parts: Sequence[Text]) -> None:
         """Show numbers, as many as fit."""
@@ -182,32 +154,31 @@ class StatusLine(Static):
         self._numbers = line
         self._update()
 
-    def inform(self, text: str) -> None:
-        """Show what a key did."""
-        self._set(Rank.ANSWER, text, Rank.ANSWER, INFO_S)
-
-    def ask(self, text: str) -> None:
-        """Show a question, which the same key confirms while it `asks`."""
-        self._set(Rank.ANSWER, text, Rank.QUESTION, INFO_S)
-
-    def report(self, text: str) -> None:
-        """Show for a while what happened without a key."""
-        self._set(Rank.EVENT, text, Rank.EVENT, INFO_S)
+    def inform(self, text: str, *, asks: bool = False) -> None:
+        """Show for a while what a key did, or what it asks."""
+        if self._expiry is not None:
+            self._expiry.stop()
+        self.answers += 1
+        self._answer, self.asks = printable(text), asks
+        self._expiry = self.set_timer(INFO_S, lambda: self.inform("")) if text else None
+        self._update()
 
     def warn(self, text: str, topic: Hashable | None = None) -> None:
         """Show a warning until esc."""
-        self._set(topic or text, text, Rank.WARNING, None)
+        self._warnings.pop(topic or text, None)
+        self._warnings[topic or text] = printable(text)
+        self._update()
 
     def pin(self, topic: Hashable, text: str) -> None:
-        """Show a state until `unpin`."""
-        self._set(topic, text, Rank.STATE, None)
+        """Show a state until it is forgotten."""
+        self._states[topic] = printable(text)
+        self._update()
 
-    def unpin(self, topic: Hashable) -> None:
-        """Remove the notice of a topic."""
-        if topic in self._expiries:
-            self._expiries.pop(topic).stop()
-        if self._notices.pop(topic, None) is not None:
-            self._update()
+    def forget(self, topic: Hashable) -> None:
+        """Remove the warning or the state of a topic."""
+        self._warnings.pop(topic, None)
+        self._states.pop(topic, None)
+        self._update()
 
     def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
         """Show a port event, with its time of day in a zone."""
@@ -217,45 +188,34 @@ class StatusLine(Static):
                 pass  # the table has a line for it
             case PortEventKind.FOUND_AGAIN | PortEventKind.BYTES_AGAIN | PortEventKind.BAUD_CHANGED:
                 for kind in (PortEventKind.LOST, PortEventKind.SILENT):
-                    self.unpin((event.port, kind))
-                self.report(text)
+                    self.forget((event.port, kind))
+                self.inform(text)
             case _:
                 self.warn(text, topic)
 
-    def remove_answer(self, notice: Notice | None) -> None:
-        """Remove this answer, if it is the present one: a key has acted since."""
-        if notice is not None and notice is self.answer:
-            self.unpin(Rank.ANSWER)
-
     def dismiss(self) -> bool:
-        """Remove the notice that is shown; returns whether there was one."""
-        topic = self._topmost
-        self.unpin(topic)
-        return topic is not None
-
-    def _set(self, topic: Hashable, text: str, rank: Rank, for_s: float | None) -> None:
-        self.unpin(topic)
-        self._notices[topic] = Notice(printable(text), rank)
-        if for_s is not None:
-            self._expiries[topic] = self.set_timer(for_s, lambda: self.unpin(topic))
-        self._update()
-
-    @property
-    def _topmost(self) -> Hashable | None:
-        newest_first = reversed([*self._notices])
-        return max(newest_first, key=lambda topic: self._notices[topic].rank, default=None)
+        """Remove what is shown in place of the numbers; returns whether there was anything."""
+        if self._answer:
+            self.inform("")
+            return True
+        shown = self._warnings or self._states
+        if shown:
+            shown.popitem()
+            self._update()
+            return True
+        return False
 
     def _update(self) -> None:
-        topic = self._topmost
-        notice = None if topic is None else self._notices[topic]
-        is_warning = notice is not None and notice.rank is Rank.WARNING
+        warnings = [*self._warnings.values()]
+        is_warning = bool(warnings) and not self._answer
         self.set_class(is_warning, "-worry")
         line = self._numbers
-        if notice is not None:
-            others = sum(one.rank is Rank.WARNING for one in self._notices.values()) - is_warning
-            more = _("(esc: {count:,} more)", count=others) if is_warning and others else ""
-            sign = "!" if is_warning else "i"
-            line = Text(f" {sign} {notice.text} {more}".rstrip())
+        if is_warning:
+            others = len(warnings) - 1
+            more = _("(esc: {count:,} more)", count=others) if others else ""
+            line = Text(f" ! {warnings[-1]} {more}".rstrip())
+        elif text := self._answer or next(reversed(self._states.values()), ""):
+            line = Text(f" i {text}")
         if line != self.content:
-            lines_stay = notice is None and "\n" not in line.plain
-            self.update(line, layout=not lines_stay or self.size.height != 1)
+            is_one = line is self._numbers
+            self.update(line, layout=not is_one or self.size.height != 1)

@@ -6,9 +6,9 @@ speed               1            500   50.0/s   20 ms    21 ms    3 ms          
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import polars as pl
@@ -16,16 +16,17 @@ from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.relations import AnswerState, answers, row_before, stream_keys
+from fte_sniff.analysis.relations import NAMES_MOTOR, AnswerState
+from fte_sniff.analysis.table import EMPTY, Table
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import KINDS, FrameKind, Status, status_of
-from fte_sniff.protocol.rows import NO_TIME, Rows, faults_in
+from fte_sniff.protocol import KINDS, Fault, FrameKind, Status, status_of
+from fte_sniff.protocol.rows import fault_bits
 from fte_sniff.tui.cells import event_words, short_kind, span_text, value_parts
 from fte_sniff.tui.pages import CHOSEN, LINE, Context, Page
-from fte_sniff.tui.painter import PLAIN, Palette
+from fte_sniff.tui.painter import PLAIN
 
 MOST_ROWS: Final = 500_000
 """Rows of a file that are counted; `fte-sniff stats` counts all."""
@@ -38,6 +39,8 @@ class Stream:
     port: str
     kind: FrameKind
     motor: int | None
+    raw: bytes
+    """The last frame."""
     frames: int
     per_s: float | None
     p50_ns: float | None
@@ -46,8 +49,6 @@ class Stream:
     answer_ns: float | None
     """The median answer time of commands."""
     unanswered: int | None
-    raw: bytes
-    """The last frame."""
 
     @property
     def condition(self) -> str:
@@ -57,45 +58,40 @@ class Stream:
         return " AND ".join([*parts, f"port = {quoted(self.port)}"])
 
 
-def streams_in(rows: Rows, runs: Any) -> list[Stream]:
-    """The streams of some rows, by port, kind and motor."""
-    keys, before = stream_keys(rows), row_before(stream_keys(rows), runs)
-    known = (before >= 0) & (rows.t_ns != NO_TIME)
-    pairs = answers(rows, runs)
-    kind_of = rows.kinds[pairs["command"].to_numpy()]
-    pairs = pairs.with_columns(kind=pl.Series(kind_of), port=rows.port[pairs["command"].to_numpy()])
-    found = []
-    for key in np.unique(keys[keys >= 0]).tolist():
-        at = np.flatnonzero(keys == key)
-        last, kind = int(at[-1]), KINDS[rows.kinds[at[-1]]]
-        motor = int(rows.nums[last]) if kind.names_motor else None
-        measured = at[known[at]]
-        periods = rows.t_ns[measured] - rows.t_ns[before[measured]]
-        own = pairs.filter(kind=KINDS.index(kind), port=int(rows.port[last]))
-        own = own if motor is None else own.filter(motor=motor)
-        decided = own.filter(pl.col("state") <= AnswerState.UNANSWERED)
-        total_ns = int(periods.sum())
-        found.append(
-            Stream(
-                rows.ports[rows.port[last]],
-                kind,
-                motor,
-                len(at),
-                len(periods) * 1e9 / total_ns if total_ns > 0 else None,
-                _percentile(periods, 50),
-                _percentile(periods, 99),
-                decided["delay_ns"].median(),  # type: ignore[arg-type]
-                int((decided["state"] == AnswerState.UNANSWERED).sum()) if len(decided) else None,
-                rows.raw[last, : rows.length[last]].tobytes(),
-            )
+KEYS: Final = ("port", "kind", "motor")
+
+
+def streams_in(table: Table) -> list[Stream]:
+    """The streams of a table, by port, kind and motor."""
+    rows, period, keys = table.rows, pl.col("period_ns"), pl.col(KEYS).cast(pl.Int64)
+    frames = table.frame.with_columns(keys, at=table.counted).drop_nulls("kind")
+    found = frames.group_by(KEYS).agg(
+        pl.col("at").last(),
+        pl.len(),
+        (1e9 / period.filter(period > 0).mean()).alias("per_s"),
+        period.quantile(0.5, "equiprobable").alias("p50"),
+        period.quantile(0.99, "equiprobable").alias("p99"),
+    )
+    asked = table.answers.filter(pl.col("state") <= AnswerState.UNANSWERED)
+    names_motor = pl.Series(NAMES_MOTOR[asked["kind"].to_numpy()], dtype=pl.Boolean)
+    asked = asked.with_columns(
+        port=pl.Series(rows.port[asked["command"].to_numpy()]),
+        motor=pl.when(names_motor).then("motor"),
+    )
+    answers = asked.group_by(keys).agg(
+        pl.col("delay_ns").median(), (pl.col("state") == AnswerState.UNANSWERED).sum()
+    )
+    found = found.join(answers, on=KEYS, how="left", nulls_equal=True).sort(KEYS)
+    return [
+        Stream(
+            rows.ports[port],
+            KINDS[kind],
+            motor,
+            rows.raw[at, : rows.length[at]].tobytes(),
+            *numbers,
         )
-    return found
-
-
-def _percentile(values: Any, percent: float) -> float | None:
-    if not len(values):
-        return None
-    return float(np.percentile(values, percent, method="inverted_cdf"))
+        for port, kind, motor, at, *numbers in found.iter_rows()
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +133,10 @@ class StreamsPage(Page):
     """One table of what is on the wires."""
 
     NAME = "streams"
-    REDRAW_S: ClassVar[float] = 0.5
 
     def __init__(self) -> None:
         self._streams: list[Stream] = []
+        self._table = EMPTY
         self._counted: tuple[object, ...] = ()
         self.at = 0
 
@@ -186,20 +182,22 @@ class StreamsPage(Page):
             line = Text(_line(cells, columns), style)
             line.stylize(Style(meta={LINE: number}))
             lines.append(line)
-        return Text("\n").join([*lines, Text(), *_port_lines(context, palette)])
+        return Text("\n").join([*lines, Text(), *_port_lines(self._table, context)])
 
     def _count(self, context: Context) -> None:
         """Count the rows that the filter shows, where they are not counted already."""
-        (start, end), shown, store = self._range(context), context.view.shown, context.view.store
-        counted = start, end, shown.matches, shown.count
+        (start, end), view = self._range(context), context.view
+        counted = start, end, view.shown.matches, view.shown.count
         if counted == self._counted:
             return
-        self._counted = counted
-        rows, runs = store.batch(start, end), store.runs(start, end)
-        if shown.matches is not None:
-            own = shown.between(start, end) - start
-            rows, runs = rows.select(own), runs.select(own)
-        self._streams = streams_in(rows, runs)
+        self._counted, rows = counted, view.store.batch(start, end)
+        byte_ns = np.array([view.byte_ns(port) for port in rows.ports] or [0.0])[rows.port]
+        table = replace(Table.of(rows, view.store.runs(start, end)), byte_ns=byte_ns)
+        if view.shown.matches is not None:
+            selected = np.zeros(len(rows), np.bool_)
+            selected[view.shown.between(start, end) - start] = True
+            table = replace(table, selected=selected)
+        self._table, self._streams = table, streams_in(table)
         self.at = max(0, min(self.at, len(self._streams) - 1))
 
 
@@ -223,39 +221,29 @@ def _line(texts: Sequence[str], columns: Sequence[tuple[_Column, int]]) -> str:
     return " ".join(cells)
 
 
-def _port_lines(context: Context, palette: Palette) -> Iterator[Text]:
+def _port_lines(table: Table, context: Context) -> Iterator[Text]:
     """Rows, use of the line, faults and events of each port."""
-    view = context.view
-    start, end = StreamsPage._range(context)
-    rows = view.store.batch(start, end)
-    for code, port in enumerate(rows.ports):
-        own = rows.port == code
+    palette = context.palette
+    for code, port in enumerate(table.rows.ports):
+        own = table.frame.filter(pl.col("port") == code)
         line = Text(printable(port), "bold")
-        timed = np.flatnonzero(own & rows.timed)
-        if len(timed) > 1 and (span_ns := int(rows.t_ns[timed[-1]] - rows.t_ns[timed[0]])) > 0:
-            busy = int(rows.length[timed].sum()) * view.byte_ns(port)
-            line.append(f"  {rate_text(len(timed) * 1e9 / span_ns)}", "not bold")
-            line.append(f"  {_('{share:.0%} of the line used', share=busy / span_ns)}", "not bold")
+        busy_ns = (pl.col("end_ns") - pl.col("t_ns")).sum()
+        rate, use = own.select(
+            1e9 / pl.col("step_ns").mean(), use=busy_ns / pl.col("used_ns").sum()
+        ).row(0)
+        if rate is not None:
+            line.append(f"  {rate_text(rate)}", "not bold")
+            line.append(f"  {_('{share:.0%} of the line used', share=use)}", "not bold")
         yield line
-        yield from _counts(_faults(rows, own), palette)
-        events = {
-            event_words(kind): count for (name, kind), count in view.events.items() if name == port
-        }
+        for fault in Fault:
+            bit, status = fault_bits([fault]), status_of((fault,))
+            if count := own.filter(pl.col("faults") & bit != 0).height:
+                text = f"  {LOOKS[status].mark} {fault} {count:,}"
+                yield Text(text, palette.statuses[status])
+        events = [
+            f"{_(event_words(kind))} {count:,}"
+            for (name, kind), count in context.view.events.items()
+            if name == port
+        ]
         if events:
-            texts = listed(f"{_(name)} {count:,}" for name, count in events.items())
-            yield Text(f"  {_('port events: {events}', events=_(texts))}", palette.muted)
-
-
-def _faults(rows: Rows, own: Any) -> Mapping[Any, int]:
-    found: dict[Any, int] = {}
-    for bits, count in zip(*np.unique(rows.faults[own], return_counts=True), strict=True):
-        for fault in faults_in(int(bits)):
-            found[fault] = found.get(fault, 0) + int(count)
-    return found
-
-
-def _counts(faults: Mapping[Any, int], palette: Palette) -> Iterator[Text]:
-    for fault, count in faults.items():
-        status = status_of((fault,))
-        text = f"  {LOOKS[status].mark} {fault} {count:,}"
-        yield Text(text, palette.statuses[status])
+            yield Text(f"  {_('port events: {events}', events=_(listed(events)))}", palette.muted)

@@ -20,7 +20,6 @@ from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
 from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Status
 from fte_sniff.protocol.spec import FIELD_BY_NAME
-from fte_sniff.tui.cells import span_text
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette
 
 LOW: Final = 20
@@ -80,12 +79,12 @@ def motor_line(
         (fit(_(state.text), 12), style_of(state.trouble, palette)),
         f" {target_text(state)}",
     )
-    answers = _("answers {share:>4.0%}", share=state.answered / asked) if asked else ""
+    answers = _("answers {percent:>3.0f} %", percent=100 * state.answered / asked) if asked else ""
     is_wrong = state.trouble in (Trouble.UNANSWERED, Trouble.SILENT)
     wrong = palette.statuses[Status.MALFORMED] if is_wrong else PLAIN
-    delay = f"p99 {span_text(state.delay_p99_ns)}" if state.delay_p99_ns is not None else ""
+    delay = f"p99 {state.delay_p99_ns / 1e6:.1f} ms" if state.delay_p99_ns is not None else ""
     since = _("since {time}", time=clock(since_ns)) if since_ns is not None else ""
-    parts = [Text(padded(answers, 12), wrong), Text(since), Text(padded(delay, 11), palette.muted)]
+    parts = [Text(padded(answers, 13), wrong), Text(since), Text(padded(delay, 11), palette.muted)]
     if width >= line.cell_len + sum(part.cell_len + 2 for part in parts):
         parts = [parts[0], parts[2], parts[1]]
     for part in parts:

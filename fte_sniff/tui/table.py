@@ -6,7 +6,7 @@ In place of Textual's DataTable, which keeps and measures every cell: 100,000 ro
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
@@ -20,7 +20,6 @@ from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
 from textual.strip import Strip
-from textual.timer import Timer
 from textual.widget import Widget
 
 from fte_sniff.formats.cell_text import fit
@@ -38,20 +37,15 @@ from fte_sniff.tui.cells import (
 from fte_sniff.tui.painter import (
     DARK,
     LIGHT,
-    OverviewRender,
     Painter,
     Palette,
     RowCell,
     Sign,
-    bar_signs,
 )
 from fte_sniff.tui.view import View
 from fte_sniff.tui.viewport import Viewport
 
 WHEEL_ROWS: Final = 3
-
-OVERVIEW_S: Final = 1.0
-"""Shortest time between two drawings of the signs in the scroll bar, seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +70,6 @@ class TableHeader(Widget):
         return self.painter.head(self.rich_style).adjust_cell_length(
             self.size.width, self.rich_style
         )
-
-    async def on_click(self) -> None:
-        """Ask for the columns."""
-        await self.run_action("app.command('ask_columns')")
 
 
 class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
@@ -107,8 +97,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         """Texts of the marked rows, which may be empty, by index; the oldest mark is the first."""
         self.selection_start: int | None = None
         """Index of the row at which the selection began; None without one."""
-        self.column: str | None = None
-        """The column that was clicked last."""
         self.field: int | None = None
         """Number in `dissect` of the field that the user looks at in the cursor's row."""
         self.last_index = 0
@@ -118,9 +106,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self._pause_index = self._hidden = 0
         self._lines: Sequence[TableLine] = ()
         self._drawn: tuple[object, ...] = ()
-        self._overview_drawn: tuple[object, ...] = ()
-        self._overview_timer: Timer | None = None
-        self._bar: Mapping[int, tuple[str, Style]] = {}
 
     # What is under the cursor
 
@@ -242,7 +227,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         if round(self.scroll_y) != viewport.top:
             self.scroll_to(y=viewport.top, animate=False, force=True)
         self._lines = self._window_lines()
-        self._draw_overview()
         drawn = (painter, self._lines, viewport.cursor, self.scrollable_size, self.empty_text)
         if drawn != self._drawn:
             self._drawn = drawn
@@ -251,29 +235,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
                 self._header.refresh()
             self.refresh()
         self.post_message(self.Moved())
-
-    def _draw_overview(self) -> None:
-        """Update the signs in the scroll bar; while rows come, once a second."""
-        shown, height, palette = self._shown, self.scrollable_size.height, self.palette
-        wanted = (
-            *(shown.matches, shown.count, shown.store.known, len(shown.landmarks)),
-            *(*self.marks, height, palette),
-        )
-        if wanted == self._overview_drawn or self._overview_timer is not None:
-            return
-        self._overview_drawn = wanted
-        self._overview_timer = self.set_timer(OVERVIEW_S, self.end_overview_pause)
-        signs = dict(bar_signs(shown, self.marks, height, palette))
-        if signs != self._bar:
-            self._bar = signs
-            bar = self.vertical_scrollbar
-            bar.renderer = OverviewRender.with_signs(signs)  # type: ignore[misc]
-            bar.refresh()
-
-    def end_overview_pause(self) -> None:
-        """Draw the signs now if they have changed."""
-        self._overview_timer = None
-        self._draw_overview()
 
     def _window_lines(self) -> Sequence[TableLine]:
         viewport = self.viewport
@@ -447,12 +408,10 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self._moved()
 
     def on_click(self, event: events.Click) -> None:
-        """Put the cursor on the clicked row and look at its field; a double click opens it."""
+        """Put the cursor on the clicked row; a double click opens it."""
         line = self._lines[event.y] if 0 <= event.y < len(self._lines) else None
         if line is None or line.position is None or isinstance(line.cell, str):
             return
-        column = self._painter.shown.column_at(event.x)
-        self.column = column.name if column else None
         self.jump(line.position)
         if event.chain == 2:
             self.post_message(self.Opened())

@@ -38,10 +38,13 @@ class TypedKeys:
         self._app = app
         self._waiting = deque[Key]()
         self._task: asyncio.Task[None] | None = None
+        self.began = False
+        """Whether a key came."""
 
     def put(self, key: Key) -> None:
         """Let a key wait."""
         self._waiting.append(key)
+        self.began = True
         if self._task is None or self._task.done():
             self._task = asyncio.create_task(self._run())
 

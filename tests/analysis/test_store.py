@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.relations import runs_of
-from fte_sniff.analysis.store import Matches, RowNote, RowStore
+from fte_sniff.analysis.store import Matches, RowStore
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import FACTS, Item, Row, Rows
-from tests.analysis.captures import MS, START, captures, damage, frame, items_of, polled, table_of
+from tests.analysis.captures import MS, START, captures, frame, items_of, polled, table_of
 
 BLOCK = 8
 
@@ -79,24 +79,6 @@ def test_row_that_needs_no_facts_is_shown_at_once() -> None:
     shown.extend()
     waiting.extend()
     assert (shown.count, waiting.count) == (1, 0)
-
-
-def test_notes_name_why_a_row_is_worth_a_look() -> None:
-    rows = [
-        frame("speed_feedback", 0),
-        frame("speed", 10),
-        frame("speed_feedback", 2000, error=1),
-        damage(2001),
-    ]
-    store = stored([*rows])
-    expected = [RowNote.NONE, RowNote.UNANSWERED, RowNote.RAISED, RowNote.MALFORMED]
-    assert store.notes(0, 4).tolist() == expected
-    shown = Matches(store)
-    shown.extend()
-    assert shown.next_noted(0, RowNote.SUSPECT) == 3
-    assert shown.next_noted(3, RowNote.RAISED, -1) == 2
-    assert shown.next_noted(3, RowNote.RAISED) is None
-    assert shown.overview(2) == [(RowNote.UNANSWERED, 0.5), (RowNote.MALFORMED, 0.5)]
 
 
 def test_marks_have_the_index_of_the_row_after_them() -> None:

@@ -327,7 +327,7 @@ def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
         assert screen.ended() == 0
 
 
-def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
+def test_without_a_file_the_latest_recording_opens_and_reopens_where_it_was_left(
     run, environment, tmp_path: Path
 ) -> None:
     with terminal(environment, tmp_path, "view") as screen:
@@ -336,9 +336,7 @@ def test_a_recording_is_picked_from_a_list_and_reopens_where_it_was_left(
     arguments = ("--count", "400")
     assert run("live", "sim://?seed=1", "--plain", *arguments, "-o", "x.mcap").returncode == 0
     with terminal(environment, tmp_path, "view") as screen:
-        screen.until("x.mcap")
-        screen.type("\r")
-        screen.until("400 rows")
+        screen.until("x.mcap", "400 rows")
         screen.type("fmotor = 2\rm")
         screen.until("of 400 rows")
         screen.type("q")

@@ -17,7 +17,6 @@ KEYS = sorted({key for one in COMMANDS.values() for key in one.keys.split(",") i
 MODES = ("M", "f", "", "T", "i", "exclamation_mark", "question_mark", "space", "tab", "v", "x", "C")
 
 
-@pytest.mark.pending
 @pytest.mark.parametrize("mode", first(2, MODES))
 def test_every_key_in_every_mode_leaves_the_keys_with_one_part(feed: ListFeed, mode: str) -> None:
     feed.give([*speed_rows(20), noise(20, 200)])

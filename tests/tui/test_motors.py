@@ -64,8 +64,8 @@ def test_a_line_has_target_feedback_answers_and_since_when(feed: ListFeed) -> No
 
     async def scenario(app: SniffApp) -> None:
         text = " ".join(strip(app)[2].split())
-        assert text.startswith("3 unanswered speed 1000 → 998 RPM answers 67% since 12:00:")
-        assert "p99 3 ms" in strip(app)[0]
+        assert text.startswith("3 unanswered speed 1000 → 998 RPM answers 67 % since 12:00:")
+        assert "p99 3.0 ms" in strip(app)[0]
 
     play(feed, scenario)
 
