@@ -128,7 +128,9 @@ class HelpPage(ModalScreen[None]):
 
     def _draw(self) -> None:
         width = self._box.scrollable_content_region.width
-        self._text.update(help_text(self._page, max(20, width - 1)))
+        text = help_text(self._page, max(20, width - 1))
+        self._text.update(text, layout=False)
+        self._text.styles.height = text.plain.count("\n") + 1
         title, other = PAGES[self._page][0], PAGES[1 - self._page][0]
         self._box.border_title = Text(_(title))
         hint = _("tab: {page}   esc: back", page=_(other))

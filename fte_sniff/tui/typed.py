@@ -56,9 +56,9 @@ class TypedKeys:
     async def _run(self) -> None:
         while self._waiting and self._app.is_running:
             self._app.post_message(Turn(self._waiting.popleft()))
-            await self._quiet()
+            await self.quiet()
 
-    async def _quiet(self) -> None:
+    async def quiet(self) -> None:
         """Wait until no widget that a key can reach has anything to do, and the screen is drawn."""
         for _round in range(_ROUNDS):
             await _reached(self._app)
@@ -66,9 +66,9 @@ class TypedKeys:
             for node in (*_chain(self._app), *screen.walk_children(), self._app):
                 if node.message_queue_size:
                     await _reached(node)
+            await _answered(screen.call_after_refresh)
             if self._app.screen is screen and not _is_busy(self._app):
                 break
-        await _answered(self._app.screen.call_after_refresh)
 
 
 def _chain(app: App[None]) -> list[MessagePump]:

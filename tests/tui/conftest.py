@@ -160,9 +160,7 @@ async def settle(app: SniffApp) -> None:
     """Let the screen take in what there is."""
     app.tick()
     app.show_all()
-    done = asyncio.Event()
-    app.screen.call_after_refresh(done.set)
-    await done.wait()
+    await app.typed.quiet()
     await app.typed.done()
 
 
