@@ -131,7 +131,7 @@ class Notes:
                 TranslatableText("the notes in {path} are not read: {why}", path=path, why=why)
             )
             return
-        for line in content.decode("utf-8", "replace").splitlines():
+        for line in content.decode("utf-8", "replace").split("\n"):
             try:
                 yield Note.parse(line)
             except (ValueError, RecursionError):

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.protocol import Row, Rows
@@ -36,6 +36,7 @@ def test_a_line_is_read_as_it_was_written(key: RowKey, text: str | None) -> None
     assert note.line().count("\n") == 1
 
 
+@example(changes=[(KEY, "one\x85line\u2028of a note")])
 @given(changes=st.lists(st.tuples(st.sampled_from([KEY, KEY._replace(offset=50)]), texts)))
 def test_the_last_line_about_a_row_holds(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[RowKey, str | None]]
