@@ -80,7 +80,7 @@ class Terminal(LinuxDriver):
         assert sys.__stdout__ is not None
         self.output = TimedOutput(sys.__stdout__)
         self._file = cast(Any, self.output)
-        self._hung_up = False
+        self._hung_up = self._is_continued = False
 
     def start_application_mode(self) -> None:
         """Take the terminal; what is written does not wait for it."""
@@ -96,8 +96,22 @@ class Terminal(LinuxDriver):
         if not self.exit_event.is_set():
             self.hang_up()
 
+    def _sigtstp_application(self, *_: object) -> None:
+        """Give the terminal to the shell, and stop; go on at once where no shell could continue it.
+
+        The system ignores SIGTSTP there, but not the SIGSTOP of Textual's driver.
+        """
+        self.suspend_application_mode()
+        self._must_signal_resume, self._is_continued = True, False
+        own = signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGTSTP)
+        signal.signal(signal.SIGTSTP, own)
+        if not self._is_continued:
+            self._sigcont_application()
+
     def _sigcont_application(self, *_: object) -> None:
         """Take the terminal back, also after a stop that did not give it to the shell."""
+        self._is_continued = True
         if not self._must_signal_resume:
             self.suspend_application_mode()
             self._must_signal_resume = True
