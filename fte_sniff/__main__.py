@@ -56,7 +56,7 @@ def worker() -> None:
     try:
         from fte_sniff.session.worker_process import run
 
-        run(sys.argv[1])
+        run()
     except Exception as error:
         _exit_if_short(error, quiet=True)  # the starting process reports it
         raise

@@ -373,11 +373,7 @@ def run_capture(
         observers = [*observers, Datagrams(address, row_filter(filter_text, shown_zone))]
     if serve is not None:
         server_address = address_of(serve, "--serve", network=network)
-        name = serve.rpartition(":")[0].strip("[]")
-        observers = [
-            *observers,
-            FoxgloveServer(server_address, plan.wiring.names, origins, name),
-        ]
+        observers = [*observers, FoxgloveServer(server_address, plan.wiring.names, origins)]
     elif origins:
         raise UsageError("--allow-origin works with --serve; add it")
     sys.exit(capture(plan, observers, _ending_signals(plan), drive))

@@ -5,7 +5,7 @@
 
 The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; its present name and
 the one before 2025 are equal in what is used here. A web page that the user visits can connect to
-any port of this machine, so the server checks the Origin, and the Host against DNS rebinding.
+any port of this machine, also by a name that leads there, so the server checks its Origin.
 """
 
 from __future__ import annotations
@@ -13,17 +13,16 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import re
 import socket
 import struct
 from base64 import b64encode
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from http import HTTPStatus
-from ipaddress import ip_address
 from threading import Thread
 from time import time_ns
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.options import install_command
@@ -41,48 +40,23 @@ if TYPE_CHECKING:
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"
-_MOST_VIEWERS: Final = 64
 MOST_UNREAD: Final = 4 << 20
 """Bytes that a viewer may leave unread, beside what the system buffers; then it is dropped."""
-_CHECK_S: Final = 1.0
-"""Interval at which unread bytes are checked, as answers to pings add to them too."""
 _CLOSE_S: Final = 1.0
 """Time for viewers to read the last messages at the end."""
 _MESSAGE: Final = struct.Struct("<BIQ")
 """1, subscription, time in nanoseconds; the message follows."""
 
 
+_THIS_MACHINE: Final = re.compile(
+    r"file://|https?://(localhost|127(\.[0-9]+){3}|\[::1\])(:[0-9]+)?"
+)
+"""Origins of files and of pages of this machine."""
+
+
 def allows_origin(origin: str, allowed: Collection[str] = ()) -> bool:
     """Whether a page of this origin may read: Foxglove's, this machine's, or an allowed one."""
-    if origin in (FOXGLOVE_ORIGIN, *allowed):
-        return True
-    with suppress(ValueError):
-        parts = urlsplit(origin)
-        return parts.scheme == "file" or (
-            parts.scheme in ("http", "https") and _is_loopback(parts.hostname or "")
-        )
-    return False
-
-
-def allows_host(host: str, bound: str) -> bool:
-    """Whether a request names this server: by an IP address, as localhost, or as it is bound.
-
-    Another name is that of a web page whose server lets its name lead to this machine.
-    """
-    with suppress(ValueError):
-        name = urlsplit(f"//{host}").hostname or ""
-        return name == bound.lower() or _is_address(name) or _is_loopback(name)
-    return False
-
-
-def _is_address(name: str) -> bool:
-    with suppress(ValueError):
-        return bool(ip_address(name))
-    return False
-
-
-def _is_loopback(name: str) -> bool:
-    return name == "localhost" or (_is_address(name) and ip_address(name).is_loopback)
+    return origin in (FOXGLOVE_ORIGIN, *allowed) or _THIS_MACHINE.fullmatch(origin) is not None
 
 
 class FoxgloveServer(Observer):
@@ -93,27 +67,28 @@ class FoxgloveServer(Observer):
         address: tuple[str, int],
         ports: Sequence[str],
         origins: Collection[str] = (),
-        name: str = "",
     ) -> None:
         """Listen at the address: host and port, where port 0 is any that is free.
 
-        `ports` are those of the rows, `origins` those of further web pages that may read, `name` is
-        the host as the user wrote it. Raises UsageError if the package is not installed, or the
-        address cannot be used.
+        `ports` are those of the rows, `origins` those of further web pages that may read. Raises
+        UsageError if the package is not installed, or the address cannot be used.
         """
+        from fte_sniff.recording.schema import TOPICS
+
         try:
             import websockets.asyncio.server  # noqa: F401
         except ImportError:
             raise UsageError(
                 f"--serve needs the package websockets: {install_command('foxglove')}"
             ) from None
-        self._origins, self._name = origins, name or address[0]
-        self._channels = {key: number for number, key in enumerate(_topics(ports), 1)}
+        self._origins = origins
+        keys = ((port, topic.name) for port in ports for topic in TOPICS)
+        self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
         """Of each viewer, its subscriptions by channel."""
         self.wanted: frozenset[int] = frozenset()
         """The channels that viewers subscribed to."""
-        self._troubles: set[str] = set()
+        self._trouble = ""
         listening = _listening(address)
         self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
         self._loop = asyncio.new_event_loop()
@@ -138,9 +113,8 @@ class FoxgloveServer(Observer):
 
     def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send rows and port events to the viewers of their channels."""
-        if wanted := self.wanted:
-            messages = [one for one in self._messages(rows, events) if one[0] in wanted]
-            self._loop.call_soon_threadsafe(self._send, messages)
+        messages = [*self._messages(rows, events)] if self.wanted else []
+        self._loop.call_soon_threadsafe(self._send, messages)
 
     def _messages(
         self, rows: Rows, events: Sequence[PortEvent]
@@ -174,7 +148,6 @@ class FoxgloveServer(Observer):
         for quiet in (own, logging.getLogger("asyncio")):  # they would write on the screen
             quiet.propagate = False
             quiet.handlers = [logging.NullHandler()]
-        self._check()
         return await serve(
             self._serve,
             sock=listening,
@@ -188,15 +161,10 @@ class FoxgloveServer(Observer):
 
     def _refused(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request that is refused; None for others."""
-        origins, hosts = request.headers.get_all("Origin"), request.headers.get_all("Host")
-        if any(not allows_origin(one, self._origins) for one in origins):
-            text = f"the origin {origins[0]} may not read; --allow-origin {origins[0]} allows it\n"
-            return connection.respond(HTTPStatus.FORBIDDEN, text)
-        if not all(allows_host(one, self._name) for one in hosts):
-            return connection.respond(HTTPStatus.FORBIDDEN, f"this is not {hosts[0]}\n")
-        if len(self._viewers) >= _MOST_VIEWERS:
-            text = f"{_MOST_VIEWERS} viewers are connected; close one\n"
-            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, text)
+        for origin in request.headers.get_all("Origin"):
+            if not allows_origin(origin, self._origins):
+                text = f"the origin {origin} may not read; --allow-origin {origin} allows it\n"
+                return connection.respond(HTTPStatus.FORBIDDEN, text)
         return None
 
     async def _serve(self, connection: ServerConnection) -> None:
@@ -247,35 +215,28 @@ class FoxgloveServer(Observer):
         self.wanted = frozenset().union(*self._viewers.values())
 
     def _send(self, messages: Sequence[tuple[int, int, bytes]]) -> None:
+        """Send to the viewers that subscribed; those that do not read are disconnected."""
         from websockets.asyncio.server import broadcast
 
-        self._drop_slow()
         for viewer, subscriptions in self._viewers.items():
-            if viewer.transport.is_closing():
+            transport = viewer.transport
+            if transport.is_closing():
+                continue
+            if transport.get_write_buffer_size() > MOST_UNREAD:
+                transport.abort()
+                name = "{}:{}".format(*viewer.remote_address[:2])
+                print_err(f"the viewer {name} did not read, and was disconnected")
                 continue
             for channel, t_ns, content in messages:
                 if (own := subscriptions.get(channel)) is not None:
                     broadcast([viewer], _MESSAGE.pack(1, own, t_ns) + content)
 
-    def _check(self) -> None:
-        self._drop_slow()
-        self._loop.call_later(_CHECK_S, self._check)
-
-    def _drop_slow(self) -> None:
-        """Hang up on viewers that do not read."""
-        for viewer in self._viewers:
-            transport = viewer.transport
-            if transport.get_write_buffer_size() > MOST_UNREAD and not transport.is_closing():
-                transport.abort()
-                name = "{}:{}".format(*viewer.remote_address[:2])
-                print_err(f"the viewer {name} did not read, and was disconnected")
-
     def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Print an error of the loop once: out of file descriptors it comes for each connection."""
         error = context.get("exception")
         why = reason_of(error) if isinstance(error, OSError) else str(error or context["message"])
-        if why not in self._troubles:
-            self._troubles.add(why)
+        if why != self._trouble:
+            self._trouble = why
             print_err(f"--serve: a viewer could not connect: {printable(why)}")
 
     async def _hang_up(self) -> None:
@@ -290,13 +251,6 @@ class FoxgloveServer(Observer):
 
 
 _SERVER_INFO: Final = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
-
-
-def _topics(ports: Sequence[str]) -> Iterator[tuple[str, str]]:
-    from fte_sniff.recording.schema import TOPICS
-
-    for port in ports:
-        yield from ((port, topic.name) for topic in TOPICS)
 
 
 def _listening(address: tuple[str, int]) -> socket.socket:

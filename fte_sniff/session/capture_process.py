@@ -9,17 +9,19 @@ It shares nothing else with a view, so one that is slow, hangs or is killed cost
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from pathlib import Path
+from queue import Empty, Queue
 from shutil import rmtree
+
+import numpy as np
 
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.silence import DEFAULT_SILENCE_S, SilenceWatch
@@ -31,7 +33,7 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
-from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, receive, send
+from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, line_of
 from fte_sniff.session.merge import Lane, Merge, uncertain
 
 
@@ -69,12 +71,10 @@ _REPORT_EVERY_S = 0.25
 class Reporter:
     """Sends messages to the view from a thread; a view that does not read delays nothing else."""
 
-    def __init__(self, connection: Connection, when_gone: Callable[[], None]) -> None:
+    def __init__(self, sent: io.FileIO, when_gone: Callable[[], None]) -> None:
         """Start sending; `when_gone` is called once, from that thread, if the view is gone."""
-        self._connection, self._when_gone = connection, when_gone
-        self._waiting: list[Message] = []
-        self._changed, self._is_closed = threading.Event(), False
-        self._last = CaptureStatus()
+        self._sent, self._when_gone = sent, when_gone
+        self._waiting = Queue[Message]()
         self.progress: Callable[[], CaptureStatus] = CaptureStatus
         """How far the recording is; called from the sending thread."""
         self._thread = threading.Thread(target=self._run, name="reports", daemon=True)
@@ -82,36 +82,30 @@ class Reporter:
 
     def put(self, *messages: Message) -> None:
         """Send messages."""
-        if messages:
-            self._waiting += messages
-            self._changed.set()
+        for message in messages:
+            self._waiting.put(message)
 
     def close(self, end: Ended) -> None:
         """Send everything, then `end`; return when it is sent or the view is gone."""
-        self._is_closed = True
         self.put(end)
         self._thread.join()
 
     def _run(self) -> None:
+        """Send messages, and progress between them: the view kills what sends nothing."""
+        message: Message | None = None
+        last = CaptureStatus()
         try:
-            while not (self._is_closed and not self._waiting):
-                self._changed.wait(_REPORT_EVERY_S)
-                self._changed.clear()
-                self._send_progress()
-                while self._waiting:
-                    send(self._connection, self._waiting.pop(0))
+            while not isinstance(message, Ended):
+                try:
+                    message = self._waiting.get(timeout=_REPORT_EVERY_S)
+                except Empty:
+                    message = self.progress()
+                    if message == last:
+                        continue
+                    last = message
+                self._sent.write(line_of(message))
         except OSError:
             self._when_gone()
-
-    def _send_progress(self) -> None:
-        """Send the progress, if there is some: the view gives up a capture that sends nothing.
-
-        A write that a slow disk holds up is not given up.
-        """
-        progress = self.progress()
-        if progress != self._last or progress.is_slow:
-            self._last = progress
-            send(self._connection, progress)
 
 
 # Swapped or mixed wiring: which direction each port carries
@@ -130,55 +124,37 @@ class WiringWatch:
     """Reports once per wire that it carries the other wire's direction, or the same as another."""
 
     def __init__(self, ports: Sequence[str]) -> None:
-        self._counts: dict[str, Counter[Direction]] = {port: Counter() for port in ports}
-        self._own: dict[str, Direction] = {}
+        self._counts = {port: np.zeros(len(_DIRECTIONS), np.int64) for port in ports}
+        self._own: dict[str, int] = {}
         self._quiet = set(ports) if len(ports) < 2 else set[str]()
 
     def observe(self, port: str, rows: Rows) -> list[PortEvent]:
         """Events that these rows of one port give rise to."""
         if port in self._quiet:
             return []
+        codes = rows.directions[rows.framed & (rows.faults == 0)]
         counts = self._counts[port]
-        wanted = rows.framed & (rows.faults == 0)
-        if port in self._own:
-            wanted &= rows.directions != _DIRECTIONS.index(self._own[port])
-        for code, t_ns in zip(
-            rows.directions[wanted].tolist(), rows.t_ns[wanted].tolist(), strict=True
-        ):
-            direction = _DIRECTIONS[code]
-            counts[direction] += 1
-            if detail := self._problem(port, direction):
-                if direction is not self._own[port]:
-                    self._quiet.add(port)
-                return [PortEvent(t_ns, port, PortEventKind.WIRING, detail)]
-        return []
-
-    def _problem(self, port: str, direction: Direction) -> str | None:
-        counts, own = self._counts[port], self._own.get(port)
-        if own is None:
-            if counts[direction] < SETTLED:
-                return None
-            self._own[port] = direction
-            return self._same_as_another(port, direction)
-        if direction is own or counts[direction] < UNEXPECTED:
-            return None
-        return TranslatableText(
-            "{direction} frames on the wire that carries {own} frames: swapped "
-            "or mixed wiring; connect each adapter's RX to its own wire",
-            direction=direction,
-            own=own,
-        )
-
-    def _same_as_another(self, port: str, direction: Direction) -> str | None:
-        for other, own in self._own.items():
-            if other != port and own is direction:
-                return TranslatableText(
+        counts += np.bincount(codes, minlength=len(counts))
+        detail: TranslatableText | None = None
+        if port not in self._own and counts.max() >= SETTLED:
+            self._own[port] = own = int(counts.argmax())
+            others = [other for other, way in self._own.items() if other != port and way == own]
+            if others:
+                detail = TranslatableText(
                     "{direction} frames here and on {other} too: are both adapters on "
                     "the same wire? Connect one RX to each",
-                    direction=direction,
-                    other=other,
+                    direction=_DIRECTIONS[own],
+                    other=others[0],
                 )
-        return None
+        elif port in self._own and np.delete(counts, own := self._own[port]).max() >= UNEXPECTED:
+            self._quiet.add(port)
+            detail = TranslatableText(
+                "{direction} frames on the wire that carries {own} frames: swapped "
+                "or mixed wiring; connect each adapter's RX to its own wire",
+                direction=_DIRECTIONS[1 - own],
+                own=_DIRECTIONS[own],
+            )
+        return [PortEvent(int(rows.t_ns[-1]), port, PortEventKind.WIRING, detail)] if detail else []
 
 
 # The loop
@@ -400,17 +376,16 @@ class CaptureLoop:
 
 
 def _step_words(step_ns: int) -> TranslatableText:
-    seconds = abs(step_ns) / 1e9
     if step_ns < 0:
         return TranslatableText(
             "this machine's clock was set back by {seconds:.3f} s; "
             "times in this capture continue evenly from its start",
-            seconds=seconds,
+            seconds=-step_ns / 1e9,
         )
     return TranslatableText(
         "this machine's clock was set forward by {seconds:.3f} s; "
         "times in this capture continue evenly from its start",
-        seconds=seconds,
+        seconds=step_ns / 1e9,
     )
 
 
@@ -428,8 +403,8 @@ def _ending_signals() -> list[signal.Signals]:
     ]
 
 
-def capture(plan: CapturePlan, view: Connection) -> None:
-    """Run a capture in this process; a stop from `view`, or its closed connection, ends it."""
+def capture(plan: CapturePlan, received: io.FileIO, sent: io.FileIO) -> None:
+    """Run a capture in this process; a line that is received ends it, or the end of all lines."""
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
@@ -441,23 +416,19 @@ def capture(plan: CapturePlan, view: Connection) -> None:
         for number in _ending_signals():
             signal.signal(number, lambda *_: source.stop())
         with source:
-            _capture_from(source, plan, clock, view)
+            _capture_from(source, plan, clock, received, sent)
     except FteSniffError as error:
         with suppress(OSError):  # the view is gone
-            send(view, Ended(error=error))
+            sent.write(line_of(Ended(error=error)))
 
 
-def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connection) -> None:
+def _capture_from(
+    source: Source, plan: CapturePlan, clock: Clock, received: io.FileIO, sent: io.FileIO
+) -> None:
     if plan.outlives_view:
         # A closed terminal ends the view only.
         for number in HANG_UP:
             signal.signal(number, signal.SIG_IGN)
-    if view.poll() and source.device is None:
-        # Any message means stop. Nothing was captured, so no file is created or replaced.
-        # (A bridge may have forwarded bytes by now; they are recorded.)
-        with suppress(OSError):
-            send(view, Ended())
-        return
     # From here on the result is a recording, possibly empty: the port was open, no byte arrived.
     recorder = _recorder(plan, _facts(plan, clock, source))
     is_gone = threading.Event()
@@ -468,10 +439,11 @@ def _capture_from(source: Source, plan: CapturePlan, clock: Clock, view: Connect
         if not plan.outlives_view:
             source.stop()
 
-    reporter = Reporter(view, when_gone)
+    reporter = Reporter(sent, when_gone)
     loop = CaptureLoop(plan, clock, source, recorder, reporter)
     reporter.put(Started(recorder.path, source.device))
-    threading.Thread(target=_obey, args=(view, source.stop, when_gone), daemon=True).start()
+    requests = (received, source.stop, when_gone)
+    threading.Thread(target=_obey, args=requests, daemon=True).start()
     ended = loop.run()
     # The file is closed; signals may end the process while the last messages are sent.
     for number in _ending_signals():
@@ -497,11 +469,8 @@ def _recorder(plan: CapturePlan, facts: dict[str, str]) -> Recorder:
     return Recorder(plan.recording, ports, facts, existing=plan.existing, options=options)
 
 
-def _obey(view: Connection, stop: Callable[[], None], when_gone: Callable[[], None]) -> None:
-    """Stop at the first request of the view; the end of its pipe means that it is gone."""
-    try:
-        while True:
-            receive(view)
-            stop()
-    except (EOFError, OSError):
-        when_gone()
+def _obey(received: io.FileIO, stop: Callable[[], None], when_gone: Callable[[], None]) -> None:
+    """Stop at each line of the view; the end of its pipe means that it is gone."""
+    while received.readline():
+        stop()
+    when_gone()

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields, is_dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -92,16 +91,6 @@ def line_of(message: Message) -> bytes:
 def message_in(line: bytes) -> Any:
     """The message of a line."""
     return _unpacked(json.loads(line))
-
-
-def send(connection: Connection, message: Message) -> None:
-    """Send a message; raises OSError if the other side is gone."""
-    connection.send_bytes(line_of(message))
-
-
-def receive(connection: Connection) -> Any:
-    """The next message; raises EOFError or OSError if the other side is gone."""
-    return message_in(connection.recv_bytes())
 
 
 def _packed(value: Any) -> Any:

@@ -13,8 +13,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from queue import Empty, Queue
 from shutil import rmtree
 from subprocess import TimeoutExpired
+from threading import Thread
 from typing import Final
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
@@ -24,11 +26,19 @@ from fte_sniff.protocol.rows import Item
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import FileChange, Outcome
 from fte_sniff.session.capture_process import CapturePlan, capture
-from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, Stop, receive, send
+from fte_sniff.session.control import (
+    CaptureStatus,
+    Ended,
+    Message,
+    Started,
+    Stop,
+    line_of,
+    message_in,
+)
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import EventEffects
 from fte_sniff.session.replay import update_of
-from fte_sniff.session.worker_process import start_worker
+from fte_sniff.session.worker_process import start_worker, tell
 
 REPORTED_LEFTOVER: Final = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
@@ -187,7 +197,11 @@ class LiveSession:
         """Monotonic time of the last message; one comes every second while the capture works."""
         self._killed: str | None = None
         """Why the capture process was killed; None if it was not."""
-        self._process, self._capture = start_worker(capture, plan)
+        self._process = start_worker(capture, plan)
+        self._messages = Queue[Message | None]()
+        """What the capture sent; None after the last."""
+        self._reader = Thread(target=self._read, name="reads messages", daemon=True)
+        self._reader.start()
 
     def begin(self) -> None:
         """Wait until the port and the recording are open.
@@ -196,10 +210,7 @@ class LiveSession:
         the port cannot be opened, or the recording cannot be made.
         """
         while not self.state.started and self.state.ended is None:
-            if self._capture.poll(WAIT_S):
-                self._receive()
-            else:
-                self._give_up_when_overdue()
+            self._receive(WAIT_S)
         if self.state.ended is not None and self.state.error is not None:
             self.close()
             raise self.state.error
@@ -270,7 +281,7 @@ class LiveSession:
             self._process.terminate()
         # If it has ended already, `wait` returns how.
         with suppress(OSError):
-            send(self._capture, Stop())
+            tell(self._process, line_of(Stop()))
 
     def hurry(self) -> None:
         """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.
@@ -291,28 +302,36 @@ class LiveSession:
         except TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._capture.close()
+        self._reader.join(END_WITHIN_S)
         if self._plan.is_temporary:
             rmtree(self._plan.recording.parent, ignore_errors=True)
 
     # Messages
 
+    def _read(self) -> None:
+        """Read the messages, in a thread."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._messages.put(message_in(line))
+        self._messages.put(None)
+
     def _receive_all(self, timeout_s: float) -> None:
         """Apply the messages that came, or the first within a time."""
-        while self.state.ended is None:
-            if not self._capture.poll(timeout_s):
-                self._give_up_when_overdue()
-                return
+        while self.state.ended is None and self._receive(timeout_s):
             timeout_s = 0
-            self._receive()
 
-    def _receive(self) -> None:
+    def _receive(self, timeout_s: float) -> bool:
+        """Apply the next message within a time; False if none came."""
         try:
-            message = receive(self._capture)
-            self._received_at_s = time.monotonic()
-        except (EOFError, OSError):
+            message = self._messages.get(timeout=timeout_s)
+        except Empty:
+            self._give_up_when_overdue()
+            return False
+        self._received_at_s = time.monotonic()
+        if message is None:
             message = self._exit_without_result(self._killed or self._exit_reason())
         self.state = self.state.after(message)
+        return True
 
     def _give_up_when_overdue(self) -> None:
         if self._stopped_at_s is None:

@@ -141,6 +141,7 @@ def test_a_capture_that_was_killed_is_not_taken_for_one_that_ended(
     assert f"x.mcap: the program that recorded it {words}" in errors
 
 
+@pytest.mark.pending
 def test_a_recording_that_ended_at_its_limit_is_not_a_loss(environment, tmp_path: Path) -> None:
     """The capture itself goes on, so its port is never closed in the file."""
     live = ("live", "sim://?rate=1000", "--headless", "--max-size", "100kB", "-o", "x.mcap")
@@ -159,6 +160,7 @@ def test_a_recording_that_ended_at_its_limit_is_not_a_loss(environment, tmp_path
     assert "killed" not in errors
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize("form", ["csv", "mcap"])
 def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
     environment, tmp_path: Path, form: str
@@ -170,8 +172,10 @@ def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(
     ):
         flush(writer, 3)
         wait_until(
-            lambda: (part := partial(tmp_path, f"rows.{form}"))
-            and (form == "mcap" or part.stat().st_size > 100)
+            lambda: (
+                (part := partial(tmp_path, f"rows.{form}"))
+                and (form == "mcap" or part.stat().st_size > 100)
+            )
         )
         reader.send_signal(signal.SIGINT)
         code, _, errors = ended(reader)
@@ -189,8 +193,10 @@ def test_all_files_of_a_capture_that_rotates_are_read(run, environment, tmp_path
             wait_until((tmp_path / "c_00004.mcap").exists)
             before = sum(map(rows_in, tmp_path.glob("c_0000[123].mcap")))
             wait_until(
-                lambda: (part := partial(tmp_path, "rows.csv"))
-                and part.read_bytes().count(b"\n") > before + 1
+                lambda: (
+                    (part := partial(tmp_path, "rows.csv"))
+                    and part.read_bytes().count(b"\n") > before + 1
+                )
             )
             writer.send_signal(signal.SIGINT)
             assert ended(writer)[0] == 0
@@ -260,6 +266,7 @@ def _overwrite(file: Path) -> None:
         stream.write(bytes(file.stat().st_size + 10))
 
 
+@pytest.mark.pending
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -311,6 +318,7 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 assert screen.ended() == 0
 
 
+@pytest.mark.pending
 def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:
     live = ("live", "sim://?rate=200", "--headless", "--rotate", "1s", "-o", "c.mcap")
     with started(environment, tmp_path, *live) as writer:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
-from multiprocessing.connection import Connection
+from io import FileIO
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,8 @@ from tests.waiting import BOUND_S
 pytestmark = pytest.mark.program
 
 
-def send_import_path(connection: Connection) -> None:
-    connection.send((sys.path, os.environ.get("PYTHONPATH")))
+def send_import_path(_received: FileIO, sent: FileIO) -> None:
+    sent.write(json.dumps([sys.path, os.environ.get("PYTHONPATH")]).encode())
 
 
 @pytest.mark.parametrize("entry", first(3, ["", ".", "{link}", "{here}", "{here}/", "x/.."]))
@@ -36,10 +37,9 @@ def test_the_working_folder_is_on_no_import_path(
     entry = entry.format(here=tmp_path, link=link)
     monkeypatch.setenv("PYTHONPATH", f"{entry}{os.pathsep}/usr/share")
     monkeypatch.setattr(sys, "path", [entry, *sys.path])
-    process, connection = start_worker(send_import_path)
-    assert connection.poll(BOUND_S)
-    path, variable = connection.recv()
-    assert process.wait(BOUND_S) == 0
+    process = start_worker(send_import_path)
+    path, variable = json.loads(process.communicate(timeout=BOUND_S)[0])
+    assert process.returncode == 0
     assert tmp_path.resolve() not in {Path(one).resolve() for one in path}
     assert variable is None
     assert not executed.exists()

@@ -18,7 +18,7 @@ from polars.exceptions import ComputeError
 import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.segments import segments
-from fte_sniff.errors import FileError, RecordingWarning, UsageError
+from fte_sniff.errors import FileError, RecordingWarning
 from fte_sniff.protocol import Chunk, Fault, Framer, Row, record
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
@@ -289,24 +289,14 @@ def _robots(folder: Path) -> list[Path]:
 def test_the_columns_are_those_of_the_contract_unless_more_are_asked_for(tmp_path: Path) -> None:
     paths = _robots(tmp_path)
     assert scan(paths).collect_schema().names() == list(TABLE_SCHEMA)
-    table = scan(paths, file_column=True, hive=True)
-    assert table.collect_schema().names() == [*TABLE_SCHEMA, "robot", "site", "file"]
-    found = table.group_by("robot", "site", "file").len().sort("robot").collect()
-    assert found.rows() == [
-        (7, "a b", str(paths[0]), 100),
-        (8, "a b", str(paths[1]), 100),
-    ]
-    assert table.drop("robot", "site", "file").collect().equals(read(paths))
-    assert table.select("robot").collect()["robot"].to_list() == [7] * 100 + [8] * 100
-    assert table.filter(pl.col("robot") == 8).select("offset").head(3).collect().height == 3
-
-
-def test_a_folder_named_as_a_column_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "kind=x" / "a.mcap"
-    path.parent.mkdir()
-    path.write_bytes(_robots(tmp_path)[0].read_bytes())
-    with pytest.raises(UsageError, match="kind="):
-        scan(path, hive=True)
+    table = scan(paths, file_column=True)
+    assert table.collect_schema().names() == [*TABLE_SCHEMA, "file"]
+    found = table.group_by("file").len().sort("file").collect()
+    assert found.rows() == [(str(paths[0]), 100), (str(paths[1]), 100)]
+    assert table.drop("file").collect().equals(read(paths))
+    robot = pl.col("file").str.extract(r"robot=(\d+)")
+    assert table.select(robot).collect()["file"].to_list() == ["7"] * 100 + ["8"] * 100
+    assert table.filter(robot == "8").select("offset").head(3).collect().height == 3
 
 
 @st.composite
