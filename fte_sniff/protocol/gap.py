@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from fte_sniff.protocol.rows import Array, Bools, Ints
+from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     FTE_FORMAT,
@@ -38,6 +38,7 @@ from fte_sniff.protocol.spec import (
     KINDS,
     NUM_OFFSET,
     TAIL,
+    Direction,
     FrameKind,
 )
 
@@ -99,13 +100,18 @@ def _share(kind: FrameKind) -> float:
     return len(kind.cmds) / cmds / len(HEADERS)
 
 
-_SCORES: Final = np.array([list(_byte_scores(kind)) for kind in KINDS], np.float32)
-"""By kind, offset and byte; 0 for an illegal byte."""
-LEGAL: Final = _SCORES > 0
-_SHARES: Final = np.array([_share(kind) for kind in KINDS], np.float32)
-_OFFSETS: Final = np.arange(FRAME_LENGTH)
-_BACK: Final = FRAME_LENGTH - 1 - _OFFSETS
-_KINDS: Final = np.arange(len(KINDS))[:, None]
+_SCORES: Final = np.zeros((len(KINDS) + 1, FRAME_LENGTH, 256), np.float32)
+"""By kind, offset and byte; 0 for an illegal byte, and for `NO_KIND`."""
+_SCORES[:-1] = [list(_byte_scores(kind)) for kind in KINDS]
+LEGAL: Final = _SCORES[:-1] > 0
+KIND_OF: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
+"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
+_SHARES: Final = np.array([*map(_share, KINDS), 0], np.float32)
+_IS_FEEDBACK: Final = np.array([kind.direction is Direction.FEEDBACK for kind in KINDS])
+_OF_DIRECTION: Final = _SHARES[:-1] * (np.arange(2)[:, None] == _IS_FEEDBACK)
+"""By direction and kind: the share of frames."""
+_HEADER: Final = np.float32(256 / len(HEADERS))
+"""Score of a header alone."""
 _LENGTHS: Final = np.arange(LONGEST + 1)
 _ANY_FRAMED: Final = _UNUSUAL * 256 / len(HEADERS) * 256
 """Score of ten bytes with a header and a tail that are no legal frame."""
@@ -132,12 +138,12 @@ def _damage() -> Array:
 
 
 _DAMAGE: Final = _damage()
-_HEAD_ONLY: Final = _DAMAGE[:, 0, 1:].T
-"""By first bytes that are left, and length."""
-_REST_ONLY: Final = _DAMAGE[:, 1:, 0].T
-"""By last bytes that are left, and length."""
-_BOTH: Final = [_DAMAGE[length, 1:, 1:].T for length in _LENGTHS]
-"""By length, first and last bytes that are left."""
+_HEAD_ONLY: Final = np.ascontiguousarray(_DAMAGE[:, 0, 1:])
+"""By length, and first bytes that are left."""
+_REST_ONLY: Final = np.ascontiguousarray(_DAMAGE[:, 1:, 0])
+"""By length, and last bytes that are left."""
+_BOTH: Final = np.ascontiguousarray(_DAMAGE[:, 1:, 1:])
+"""By length, last and first bytes that are left."""
 
 
 class Divided(NamedTuple):
@@ -190,7 +196,8 @@ def _divide(data: Array, gaps: Gaps) -> Divided:
     first = width - sizes
     scores, is_whole = _scores(block, first, gaps.is_open_after)
     posterior = _posteriors(scores, block, first, gaps.is_open_before)
-    start, length, gap = np.nonzero(posterior > 0.5)
+    likely = np.flatnonzero(posterior > 0.5)
+    start, length, gap = np.unravel_index(likely, posterior.shape)
     probability = posterior[start, length, gap]
     probability[(length != FRAME_LENGTH - 1) | ~is_whole[start, gap]] = 0
     start += (gaps.start - first)[gap]
@@ -208,68 +215,94 @@ def _scores(block: Array, first: Ints, is_open: Bools) -> tuple[Array, Bools]:
     is_inside = np.arange(width)[:, None] >= first
     start, column = np.nonzero(IS_HEADER[block] & is_inside)
     left = width - start
-    heads = _prefixes(block, start, column)
-    by_count = heads.sum(axis=1)
-    own[start, :, column] = np.einsum("nh,hl->nl", by_count, _HEAD_ONLY)
+    heads, kinds = _prefixes(block, start, column)
+    by_length = (_HEAD_ONLY @ heads).T
+    by_length[left[:, None] < _LENGTHS] = 0
+    own[start, :, column] = by_length
     end, end_column = np.nonzero((block == TAIL) & is_inside)
     end += 1
     rests = _suffixes(block, end, end_column, first)
-    only = np.einsum("nr,rl->nl", np.einsum("k,nkr->nr", _SHARES, rests), _REST_ONLY)
+    by_direction = np.einsum("dk,rkn->drn", _OF_DIRECTION, rests)
+    only = (_REST_ONLY @ by_direction.sum(axis=0)).T
     begins = end[:, None] - _LENGTHS
     only[begins < first[end_column][:, None]] = 0
-    scores[LONGEST + begins, _LENGTHS, end_column[:, None]] += only
+    at = ((LONGEST + begins) * len(_LENGTHS) + _LENGTHS) * count + end_column[:, None]
+    scores.reshape(-1)[at] += only
     numbers = np.full((width + 1 + LONGEST, count), -1)
     numbers[end, end_column] = np.arange(len(end))
     mates = numbers[start[:, None] + _LENGTHS[2:], column[:, None]]
     lengths, one = np.nonzero(mates.T >= 0)
     other, lengths = mates[one, lengths], lengths + 2
-    own[start[one], lengths, column[one]] += _pairs(heads, rests, one, other, lengths)
+    is_feedback = (block[start, column] == HEADERS[Direction.FEEDBACK]).astype(np.intp)
+    by_header = by_direction[is_feedback[one], :, other]
+    pairs = _pairs(heads[:, one], rests[:, np.minimum(kinds[one], NO_KIND - 1), other], by_header, lengths)
+    own[start[one], lengths, column[one]] += pairs
     framed = one[lengths == FRAME_LENGTH]
-    whole = INTACT * by_count[framed, -1]
+    whole = INTACT * heads[-1, framed]
     at, of = start[framed], column[framed]
     own[at, FRAME_LENGTH, of] = np.where(whole > 0, whole, own[at, FRAME_LENGTH, of] + _ANY_FRAMED)
+    at, of = at[whole > 0], of[whole > 0]
     is_whole = np.zeros((width, count), np.bool_)
-    is_whole[at[whole > 0], of[whole > 0]] = True
+    is_whole[at, of] = True
     contains = is_whole.copy()
     for more in range(1, _MOST_INSERTED + 1):
-        contains[:-more] |= is_whole[more:]
-        own[:width, FRAME_LENGTH + more][contains] *= _CONTAINING
+        contains[np.maximum(at - more, 0), of] = True
+        begins, gap = np.divmod(np.flatnonzero(contains), count)
+        own[begins, FRAME_LENGTH + more, gap] *= _CONTAINING
     cut = np.flatnonzero((left < FRAME_LENGTH) & is_open[column])
-    own[start[cut], left[cut], column[cut]] += INTACT * by_count[cut, left[cut] - 1]
-    over, length = np.nonzero(left[:, None] < _LENGTHS)
-    own[start[over], length, column[over]] = 0
+    own[start[cut], left[cut], column[cut]] += INTACT * heads[left[cut] - 1, cut]
     return scores, is_whole
 
 
-def _prefixes(block: Array, start: Ints, column: Ints) -> Array:
-    """By candidate, kind and number of bytes - 1: the score of a frame's first bytes there."""
-    width = len(block)
-    at = start[:, None] + _OFFSETS
-    raw = block[np.minimum(at, width - 1), column[:, None]]
-    scores = _SCORES[_KINDS, _OFFSETS, raw[:, None, :]] * (at < width)[:, None, :]
-    found: Array = np.cumprod(scores, axis=2, out=scores)
-    found *= _SHARES[:, None]
-    return found
+def _prefixes(block: Array, start: Ints, column: Ints) -> tuple[Array, Codes]:
+    """By number of bytes - 1 and candidate: the score of a frame's first bytes; its kind.
+
+    Header and CMD name the kind, so there is one kind from the second byte on.
+    """
+    width, count = block.shape
+    flat, at = block.reshape(-1), start * count + column
+    found = np.empty((FRAME_LENGTH, len(start)), np.float32)
+    second = flat.take(at + count, mode="clip")
+    kinds = KIND_OF.take(flat.take(at).astype(np.uint16) << np.uint16(8) | second)
+    kinds[start + 1 >= width] = NO_KIND
+    found[0] = _SHARES.take(kinds) * 256
+    for offset in range(1, FRAME_LENGTH):
+        byte = flat.take(at + offset * count, mode="clip")
+        score = _SCORES[kinds, offset, byte]
+        score[start + offset >= width] = 0
+        np.multiply(found[offset - 1], score, out=found[offset])
+    found[0] = _HEADER
+    return found, kinds
 
 
 def _suffixes(block: Array, end: Ints, column: Ints, first: Ints) -> Array:
-    """By candidate, kind and number of bytes - 1: the score of a frame's last bytes up to there."""
-    at = end[:, None] - 1 - _OFFSETS
-    raw = block[np.maximum(at, 0), column[:, None]]
-    is_inside = at >= first[column][:, None]
-    scores = _SCORES[_KINDS, _BACK, raw[:, None, :]] * is_inside[:, None, :]
-    found: Array = np.cumprod(scores, axis=2, out=scores)
+    """By number of bytes - 1, kind and candidate: the score of a frame's last bytes up to there."""
+    count = block.shape[1]
+    flat, at = block.reshape(-1), (end - 1) * count + column
+    size = end - first[column]
+    found = np.empty((FRAME_LENGTH, len(KINDS), len(end)), np.float32)
+    found[0] = 256
+    for back in range(1, FRAME_LENGTH):
+        byte = flat.take(at - back * count, mode="clip")
+        score = _SCORES[:-1, FRAME_LENGTH - 1 - back].take(byte, axis=1)
+        score[:, size <= back] = 0
+        np.multiply(found[back - 1], score, out=found[back])
     return found
 
 
-def _pairs(heads: Array, rests: Array, one: Ints, other: Ints, lengths: Ints) -> Array:
-    """The scores of candidates with first and last bytes; `lengths` rise."""
-    found = np.empty(len(one), np.float32)
+def _pairs(heads: Array, rests: Array, by_header: Array, lengths: Ints) -> Array:
+    """The scores of candidates with first and last bytes; `lengths` rise.
+
+    The kind of the last bytes is that of the first ones, if there are two or more; after a header
+    alone, it is any of its direction.
+    """
+    found = np.empty(len(lengths), np.float32)
     bounds = np.searchsorted(lengths, np.arange(LONGEST + 2)).tolist()
     for length in range(2, LONGEST + 1):
         own = slice(bounds[length], bounds[length + 1])
-        left = np.einsum("pkh,hr->pkr", heads[one[own]], _BOTH[length])
-        found[own] = np.einsum("pkr,pkr->p", left, rests[other[own]])
+        left = _BOTH[length][:, 1:] @ heads[1:, own]
+        found[own] = np.einsum("rp,rp->p", left, rests[:, own])
+        found[own] += by_header[own] @ _BOTH[length][:, 0] * 256
     return found
 
 

@@ -29,7 +29,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fte_sniff.protocol.gap import IS_HEADER, LEGAL, LONGEST, Divided, Gaps, divide
+from fte_sniff.protocol.gap import IS_HEADER, KIND_OF, LEGAL, LONGEST, Divided, Gaps, divide
 from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints
 from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, FTE_FORMAT, KINDS, TAIL
 
@@ -43,12 +43,8 @@ CORE: Final = 64
 MARGIN: Final = 2 * LONGEST
 """Bytes on each side of it that are divided with it."""
 _ISLAND: Final = 2 * FRAME_LENGTH
-_AHEAD: Final = 4
-"""Windows that are divided with the one that is needed."""
 _FAR: Final = 2**62
 
-KIND_OF: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
-"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
 _LIMITED: Final = [
     (offset, LEGAL[:, offset].reshape(-1))
     for offset in range(CMD_OFFSET + 1, FRAME_LENGTH - 1)
@@ -168,11 +164,14 @@ class Walk:
         self._bytes = np.frombuffer(data, np.uint8)
         self._phase = base % CORE
         strict = strict_frames(self._bytes)
+        self._strict_at, self._run_ends = strict, _run_ends(strict)
         self._strict = _numbers(strict)
-        self._ends = _numbers(_run_ends(strict))
+        self._ends = _numbers(self._run_ends)
         is_strict = np.zeros(len(data) + FRAME_LENGTH, np.bool_)
         is_strict[strict] = True
         self._starts = strict[is_strict[strict + FRAME_LENGTH]]
+        self._is_island = np.zeros(len(is_strict), np.bool_)
+        self._is_island[self._starts] = True
         """The offsets of islands: of the first one of two frames."""
         self._islands = _numbers(self._starts)
         self._divisions: dict[_Key, tuple[int, int]] = {}
@@ -185,7 +184,8 @@ class Walk:
 
     def segments(self) -> Division:
         """All that is decided; afterwards `state` is where that ends."""
-        while self._walk():
+        self._foresee()
+        while self._wanted or self._walk():
             self._divide()
         parts = [self._marks(), self._frames(), *self._divided()]
         columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
@@ -196,7 +196,6 @@ class Walk:
 
     def _walk(self) -> bool:
         """Go as far as possible; returns whether gaps must be divided to go further."""
-        self._wanted = {}
         state = self.state
         while True:
             step = self._known.get(state)
@@ -288,14 +287,13 @@ class Walk:
     def _window(self, state: State, wall: Wall) -> _Step | None:
         """Divide the core that contains the state, up to a certain island in it."""
         core = state.at - (state.at + self._phase) % CORE
-        key = self._key_of(core, state.wall)
+        start = max(core - MARGIN, state.wall)
+        key = _Key(start, core + CORE + MARGIN, start > state.wall, True)
         if wall.at <= key.stop:
             return self._settled(state, wall, key._replace(stop=wall.at, is_open_after=False))
         if len(self.data) < key.stop:
             return None
         found = self._look_up(key)
-        if found is None:
-            self._look_ahead(core, state.wall, wall)
         first = bisect_left(self._islands, state.at)
         for island in self._islands[first : bisect_left(self._islands, core + CORE)]:
             if found is None or self._is_certain(found, island):
@@ -307,15 +305,21 @@ class Walk:
             stop = max(stop, self._rounds[part[0]].stops[part[2] - 1])
         return _Step(state._replace(at=stop), part)
 
-    def _key_of(self, core: int, wall: int) -> _Key:
-        start = max(core - MARGIN, wall)
-        return _Key(start, core + CORE + MARGIN, start > wall, True)
-
-    def _look_ahead(self, core: int, last_wall: int, wall: Wall) -> None:
-        for number in range(1, _AHEAD):
-            key = self._key_of(core + number * CORE, last_wall)
-            if key.stop < min(wall.at, len(self.data) + 1) and key not in self._divisions:
-                self._wanted[key] = None
+    def _foresee(self) -> None:
+        """Want the gaps between runs and the next islands, as if there were no walls."""
+        if len(self._starts) == 0:
+            return
+        ends = self._run_ends[np.searchsorted(self._strict_at, self._starts)]
+        first = np.unique(ends[ends > self.state.at + FRAME_LENGTH] - FRAME_LENGTH)
+        number = np.searchsorted(self._starts, first)
+        first, number = first[number < len(self._starts)], number[number < len(self._starts)]
+        island = self._starts[number]
+        is_near = island - first <= NEAR
+        first, island = first[is_near], island[is_near]
+        around = np.searchsorted(self._strict_at, [island - FRAME_LENGTH + 1, island + FRAME_LENGTH])
+        is_plain = around[1] - around[0] == 1
+        for start, stop in zip(first[is_plain].tolist(), (island[is_plain] + _ISLAND).tolist()):
+            self._wanted[_Key(start, stop, False, False)] = None
 
     # Divisions
 
@@ -336,6 +340,7 @@ class Walk:
         lists = found.start.tolist(), found.stop.tolist(), found.probability.tolist()
         for number, key in enumerate(self._wanted):
             self._divisions[key] = len(self._rounds), number
+        self._wanted = {}
         self._rounds.append(_Round(found, bounds, *lists))
 
     def _rows(self, found: tuple[int, int], first: int, last: int) -> tuple[_Round, int, int]:
@@ -383,8 +388,8 @@ class Walk:
         first = np.maximum(start - _ISLAND + 1, wall)
         counts = np.searchsorted(self._starts, last + 1) - np.searchsorted(self._starts, first)
         before = start - FRAME_LENGTH
-        counts -= np.isin(start, self._starts) & (last == start)
-        counts -= np.isin(before, self._starts) & (before >= wall)
+        counts -= self._is_island[start] & (last == start)
+        counts -= self._is_island[before] & (before >= wall)
         found: Bools = counts <= 0
         return found
 
