@@ -144,8 +144,8 @@ class _ReserveCheck:
         """Which rows, in stream order, are such frames."""
         found = np.zeros(len(raw), np.bool_)
         kinds = kinds_of(raw)
-        with_reserve = is_frame & _HAS_RESERVE[kinds]
-        masks, words = _RESERVES[kinds], raw.view("<u8")
+        with_reserve = is_frame & _HAS_RESERVE.take(kinds)
+        masks, words = _RESERVES.take(kinds, axis=0), raw.view("<u8")
         is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
         at = np.flatnonzero(with_reserve)
         if not len(at):
@@ -316,7 +316,8 @@ def _bytes_of(data: bytes, offset: Ints, length: Ints) -> Codes:
     """The bytes of rows, padded with zeros."""
     padded = data + bytes(MOST_BYTES)
     windows: Array = np.ndarray((len(data),), f"V{MOST_BYTES}", padded, 0, (1,))
-    words = windows[offset].view("<u8").reshape(-1, 2) & _MASKS.view("<u8")[length]
+    words = windows[offset].view("<u8").reshape(-1, 2)
+    words &= _MASKS.view("<u8").take(length, axis=0)
     found: Codes = words.view(np.uint8)
     return found
 

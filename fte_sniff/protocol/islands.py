@@ -43,6 +43,7 @@ CORE: Final = 64
 MARGIN: Final = 2 * LONGEST
 """Bytes on each side of it that are divided with it."""
 _ISLAND: Final = 2 * FRAME_LENGTH
+_OUT_OF_STEP: Final = np.setdiff1d(np.arange(1, _ISLAND), FRAME_LENGTH)
 _FAR: Final = 2**62
 
 _LIMITED: Final = [
@@ -63,8 +64,7 @@ def strict_frames(data: Codes) -> Ints:
     """The offsets at which a complete frame begins that is legal at every byte."""
     if len(data) < FRAME_LENGTH:
         return np.empty(0, np.int64)
-    last = FRAME_LENGTH - 1
-    found: Ints = np.flatnonzero((data[last:] == TAIL) & IS_HEADER.take(data[:-last]))
+    found: Ints = np.flatnonzero(data[FRAME_LENGTH - 1 :] == TAIL)
     heads = data.take(found).astype(np.uint16) << np.uint16(8) | data.take(found + CMD_OFFSET)
     kinds = KIND_OF.take(heads)
     is_strict = kinds != NO_KIND
@@ -169,7 +169,8 @@ class Walk:
         self._ends = _numbers(self._run_ends)
         is_strict = np.zeros(len(data) + FRAME_LENGTH, np.bool_)
         is_strict[strict] = True
-        self._starts = strict[is_strict[strict + FRAME_LENGTH]]
+        self._is_first = is_strict[strict + FRAME_LENGTH]
+        self._starts = strict[self._is_first]
         self._is_island = np.zeros(len(is_strict), np.bool_)
         self._is_island[self._starts] = True
         """The offsets of islands: of the first one of two frames."""
@@ -309,8 +310,8 @@ class Walk:
         """Want the gaps between runs and the next islands, as if there were no walls."""
         if len(self._starts) == 0:
             return
-        ends = self._run_ends[np.searchsorted(self._strict_at, self._starts)]
-        first = np.unique(ends[ends > self.state.at + FRAME_LENGTH] - FRAME_LENGTH)
+        is_first = ~self._is_island[self._starts - FRAME_LENGTH]
+        first = self._run_ends[self._is_first][is_first] - FRAME_LENGTH
         number = np.searchsorted(self._starts, first)
         first, number = first[number < len(self._starts)], number[number < len(self._starts)]
         island = self._starts[number]
@@ -368,30 +369,21 @@ class Walk:
         counts = (bounds[:, 1] - bounds[:, 0]) // FRAME_LENGTH
         start = _ranges(bounds[:, 0], counts, FRAME_LENGTH)
         probability = np.ones(len(start))
-        if (is_odd := self._has_others(bounds)).any():
-            odd = np.flatnonzero(np.repeat(is_odd, counts))
-            ends = np.repeat(bounds[:, 2:], counts, axis=0)[odd]
-            probability[odd] = self._are_alone(start[odd], ends[:, 0], ends[:, 1])
+        probability[self._overlapped(start, bounds)] = 0
         return Division(start, start + FRAME_LENGTH, probability)
 
-    def _has_others(self, runs: Ints) -> Bools:
-        """Whether islands that are not in step overlap frames of a run."""
-        first = np.maximum(runs[:, 0] - _ISLAND + 1, runs[:, 2])
-        last = np.minimum(runs[:, 1] - FRAME_LENGTH, runs[:, 3] - _ISLAND)
-        counts = np.searchsorted(self._starts, last + 1) - np.searchsorted(self._starts, first)
-        found: Bools = counts != (last - runs[:, 0]) // FRAME_LENGTH + 1
-        return found
-
-    def _are_alone(self, start: Ints, wall: Ints, end: Ints) -> Bools:
-        """Whether no island that is not in step overlaps these frames from before."""
-        last = np.minimum(start, end - _ISLAND)
-        first = np.maximum(start - _ISLAND + 1, wall)
-        counts = np.searchsorted(self._starts, last + 1) - np.searchsorted(self._starts, first)
-        before = start - FRAME_LENGTH
-        counts -= self._is_island[start] & (last == start)
-        counts -= self._is_island[before] & (before >= wall)
-        found: Bools = counts <= 0
-        return found
+    def _overlapped(self, start: Ints, runs: Ints) -> Ints:
+        """Which of the frames of runs another island overlaps from before, not in step."""
+        is_frame = np.zeros(len(self._is_island) + _ISLAND, np.bool_)
+        is_frame[start] = True
+        is_own = is_frame[self._starts] & is_frame[self._starts + FRAME_LENGTH]
+        others = self._starts[~is_own]
+        number, behind = np.nonzero(is_frame[others[:, None] + _OUT_OF_STEP])
+        island = others[number]
+        frame = island + _OUT_OF_STEP[behind]
+        own = runs[np.searchsorted(runs[:, 0], frame, "right") - 1]
+        is_seen = (island >= own[:, 2]) & (island + _ISLAND <= own[:, 3])
+        return np.searchsorted(start, frame[is_seen])
 
     def _divided(self) -> list[Division]:
         """The segments of gaps."""

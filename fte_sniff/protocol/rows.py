@@ -210,8 +210,8 @@ class Rows(Sequence[Row]):
         Unknown columns raise KeyError, those of another length ValueError.
         """
         found = {name: np.empty(count, kind) for name, (kind, _) in COLUMNS.items()}
-        for name, (_, default) in COLUMNS.items():
-            found[name][...] = default
+        for name in COLUMNS.keys() - columns.keys():
+            found[name][...] = COLUMNS[name][1]
         for name, values in columns.items():
             own = np.asarray(values, found[name].dtype)
             if own.shape != found[name].shape:
@@ -467,9 +467,9 @@ def field_of(raw: Array, kinds: Array, name: str) -> tuple[Array, Bools]:
     values = np.zeros(len(raw), _LAYOUTS[name][0][1].newbyteorder("="))
     known: Bools = np.zeros(len(raw), np.bool_)
     for start, wire, having in _LAYOUTS[name]:
-        own = np.ascontiguousarray(raw[:, start : start + wire.itemsize]).view(wire)[:, 0]
         here = having.take(kinds)
-        np.copyto(values, own, where=here)
+        own = raw[:, start : start + wire.itemsize].view(wire)[:, 0].astype(values.dtype)
+        values += own * here
         known |= here
     return values, known
 
