@@ -235,7 +235,9 @@ def _scores(block: Array, first: Ints, is_open: Bools) -> tuple[Array, Bools]:
     other, lengths = mates[one, lengths], lengths + 2
     is_feedback = (block[start, column] == HEADERS[Direction.FEEDBACK]).astype(np.intp)
     by_header = by_direction[is_feedback[one], :, other]
-    pairs = _pairs(heads[:, one], rests[:, np.minimum(kinds[one], NO_KIND - 1), other], by_header, lengths)
+    pairs = _pairs(
+        heads[:, one], rests[:, np.minimum(kinds[one], NO_KIND - 1), other], by_header, lengths
+    )
     own[start[one], lengths, column[one]] += pairs
     framed = one[lengths == FRAME_LENGTH]
     whole = INTACT * heads[-1, framed]

@@ -30,8 +30,8 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from fte_sniff.protocol.gap import IS_HEADER, KIND_OF, LEGAL, LONGEST, Divided, Gaps, divide
-from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints
-from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, FTE_FORMAT, KINDS, TAIL
+from fte_sniff.protocol.rows import NO_KIND, Array, Codes, Ints
+from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, KINDS, TAIL
 
 CERTAIN: Final = 0.9995
 """A frame in a gap that is less probable is `ambiguous`."""
@@ -164,7 +164,7 @@ class Walk:
         self._bytes = np.frombuffer(data, np.uint8)
         self._phase = base % CORE
         strict = strict_frames(self._bytes)
-        self._strict_at, self._run_ends = strict, _run_ends(strict)
+        self._run_ends = _run_ends(strict)
         self._strict = _numbers(strict)
         self._ends = _numbers(self._run_ends)
         is_strict = np.zeros(len(data) + FRAME_LENGTH, np.bool_)
@@ -175,6 +175,8 @@ class Walk:
         self._is_island[self._starts] = True
         """The offsets of islands: of the first one of two frames."""
         self._islands = _numbers(self._starts)
+        self._next: dict[int, int] = {}
+        """By start of a gap: the next island, if it is near and no other frame overlaps it."""
         self._divisions: dict[_Key, tuple[int, int]] = {}
         self._wanted: dict[_Key, None] = {}
         self._rounds: list[_Round] = []
@@ -248,13 +250,16 @@ class Walk:
 
     def _gap(self, state: State, wall: Wall) -> _Step | None:
         at = state.at
-        number = bisect_left(self._islands, at)
-        island = self._islands[number] if number < len(self._islands) else _FAR
+        island = self._next.get(at)
+        is_plain = island is not None
+        if island is None:
+            number = bisect_left(self._islands, at)
+            island = self._islands[number] if number < len(self._islands) else _FAR
         if island + _ISLAND > wall.at:
             island = _FAR
         if island == at:
             return self._frames_from(state, island, wall)
-        if island <= at + NEAR and not self._is_contested(island, state.wall):
+        if island <= at + NEAR and (is_plain or not self._is_contested(island, state.wall)):
             return self._up_to_island(state, island, wall)
         if island > at + NEAR and wall.at <= at + NEAR + _ISLAND:
             return self._settled(state, wall, _Key(at, wall.at, False, False))
@@ -307,20 +312,17 @@ class Walk:
         return _Step(state._replace(at=stop), part)
 
     def _foresee(self) -> None:
-        """Want the gaps between runs and the next islands, as if there were no walls."""
-        if len(self._starts) == 0:
-            return
+        """Want the gaps between frames in step and the next islands, as if there were no walls."""
         is_first = ~self._is_island[self._starts - FRAME_LENGTH]
-        first = self._run_ends[self._is_first][is_first] - FRAME_LENGTH
-        number = np.searchsorted(self._starts, first)
-        first, number = first[number < len(self._starts)], number[number < len(self._starts)]
-        island = self._starts[number]
-        is_near = island - first <= NEAR
-        first, island = first[is_near], island[is_near]
-        around = np.searchsorted(self._strict_at, [island - FRAME_LENGTH + 1, island + FRAME_LENGTH])
-        is_plain = around[1] - around[0] == 1
-        for start, stop in zip(first[is_plain].tolist(), (island[is_plain] + _ISLAND).tolist()):
-            self._wanted[_Key(start, stop, False, False)] = None
+        at = self._run_ends[self._is_first][is_first] - FRAME_LENGTH
+        number = np.searchsorted(self._starts, at)
+        is_known = (at >= self.state.at) & (number < len(self._starts))
+        first, island = at[is_known], self._starts[number[is_known]]
+        around = np.searchsorted(self._strict, [island - FRAME_LENGTH + 1, island + FRAME_LENGTH])
+        is_plain = (island - first <= NEAR) & (around[1] - around[0] == 1)
+        self._next = dict(zip(first[is_plain].tolist(), island[is_plain].tolist(), strict=True))
+        keys = (_Key(at, island + _ISLAND, False, False) for at, island in self._next.items())
+        self._wanted = dict.fromkeys(keys)
 
     # Divisions
 
