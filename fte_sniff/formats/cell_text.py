@@ -109,9 +109,6 @@ _SPANS: Final = (
 )
 _DAYS: Final = 86_400_000_000_000
 _SHORT: Final = ((1e9, "G"), (1e6, "M"), (1e4, "k"))
-_BLOCKS: Final = " ▁▂▃▄▅▆▇█"
-BLOCKS: Final = len(_BLOCKS) - 1
-"""Heights of a block in a sparkline, besides 0."""
 
 
 def span_text(ns: float | None) -> str:
@@ -152,31 +149,6 @@ def short_number(value: float) -> str:
             scaled = value / (1e3 if sign == "k" else unit)
             return f"{scaled:.0f}{sign}" if abs(scaled) >= 100 else f"{scaled:.3g}{sign}"
     return f"{value:.0f}"
-
-
-def cell_edges(count: int, width: int) -> list[int]:
-    """Where the values of each cell begin if `count` values are drawn in at most `width` cells.
-
-    One more than the cells; the last is `count`.
-    """
-    width = min(width, count)
-    return [count * cell // width for cell in range(width + 1)]
-
-
-def sparkline(values: Sequence[float], width: int, full: float | None = None) -> str:
-    """Draw values as blocks in `width` cells; a cell shows its greatest value.
-
-    `full` is the value of a full cell, by default the greatest value. Only 0 is an empty cell.
-    """
-    if not values or width < 1:
-        return ""
-    edges = cell_edges(len(values), width)
-    width = len(edges) - 1
-    tops = [max(values[edges[cell] : edges[cell + 1]]) for cell in range(width)]
-    most = full or max(tops) or 1
-    return "".join(
-        _BLOCKS[min(BLOCKS, max(1, round(top / most * BLOCKS))) if top > 0 else 0] for top in tops
-    )
 
 
 _SEPARATORS = "/\\:?& "

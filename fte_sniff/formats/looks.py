@@ -15,8 +15,6 @@ class Ground(StrEnum):
 
     DARK = "dark"
     LIGHT = "light"
-    DARK_16 = "dark, 16 colours"
-    LIGHT_16 = "light, 16 colours"
 
 
 class Ink(NamedTuple):
@@ -58,9 +56,6 @@ LOOKS: Mapping[Status, Look] = MappingProxyType(
             inks={
                 Ground.DARK: Ink("#f0e442", "#101010", "#f0e442"),
                 Ground.LIGHT: Ink("#6b5e00", "#101010", "#e0d030"),
-                Ground.DARK_16: Ink("#ffff55", "#000000", "#ffff55"),
-                # The nearest of the 16 to the colour of a light theme is not seen on white.
-                Ground.LIGHT_16: Ink("#aa00aa", "#000000", "#ffff55"),
             },
         ),
         Status.MALFORMED: Look(
@@ -71,8 +66,6 @@ LOOKS: Mapping[Status, Look] = MappingProxyType(
             inks={
                 Ground.DARK: Ink("#ff8f50", "#ffffff", "#b84a00"),
                 Ground.LIGHT: Ink("#a33c00", "#ffffff", "#b84a00"),
-                Ground.DARK_16: Ink("#ff5555", "#ffffff", "#aa0000"),
-                Ground.LIGHT_16: Ink("#aa0000", "#ffffff", "#aa0000"),
             },
         ),
     }

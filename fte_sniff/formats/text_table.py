@@ -5,7 +5,7 @@ rich is not needed before a terminal is written to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, tzinfo
 from functools import cache
@@ -46,7 +46,7 @@ _CLOCK = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
 _CLOCK_WIDTH = _CLOCK.stop - _CLOCK.start
 
 _WIDTHS = (PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
-_NARROW_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
+_SHORT_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
 
 
 @cache
@@ -92,19 +92,13 @@ class TextLayout:
             faults_text(row.faults),
         )
 
-    @property
-    def width(self) -> int:
-        """Columns of the line of a frame without faults."""
-        header = self.header()
-        return sum(map(len, header)) + len(GAP) * len(header)
-
-    def narrow_header(self) -> list[str]:
-        """The names above the cells for a narrow terminal."""
+    def short_header(self) -> list[str]:
+        """The names above the cells for a terminal."""
         time = "time UTC" if self.zone == UTC else "local time"
-        return self._padded((_CLOCK_WIDTH, *_NARROW_WIDTHS), time, "port", "", "kind", "values")
+        return self._padded((_CLOCK_WIDTH, *_SHORT_WIDTHS), time, "port", "", "kind", "values")
 
-    def narrow_cells(self, row: Row) -> list[str]:
-        """The cells of a row for a narrow terminal: no offset, and the faults before the bytes."""
+    def short_cells(self, row: Row) -> list[str]:
+        """The cells of a row for a terminal: no offset, and the faults before the bytes."""
         kind, faults, raw = kind_text(row), faults_text(row.faults), spaced_hex(row.raw)
         text = GAP.join(filter(None, (values_text(row), faults, raw)))
         if not row.framed:
@@ -112,7 +106,7 @@ class TextLayout:
         clock = "" if row.t_ns is None else iso_time(row.t_ns, self.zone)[_CLOCK]
         port = printable(row.port)[-PORT_WIDTH:]
         cells = (clock, port, mark_of(row), kind, text)
-        return self._padded((_CLOCK_WIDTH, *_NARROW_WIDTHS), *cells)
+        return self._padded((_CLOCK_WIDTH, *_SHORT_WIDTHS), *cells)
 
     def _padded(self, widths: tuple[int, ...], *cells: str) -> list[str]:
         padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
@@ -170,43 +164,29 @@ def _joined(cells: Iterable[str]) -> str:
 class RichWriter:
     """Writes one coloured line a row, cut at the terminal's right edge.
 
-    Long bytes are cut so that the faults stay in sight. On a narrow terminal the times are short,
-    offsets are left out, and faults precede the bytes.
+    The times are short, and faults precede the bytes, so that they stay in sight.
     """
 
     def __init__(self, console: Console, *, ports: bool, zone: tzinfo = UTC) -> None:
         self._console = console
         self._ports, self._zone = ports, zone
-        self._cells: Callable[[Row], Iterable[str]] | None = None
+        self._layout: TextLayout | None = None
 
     def write(self, rows: Sequence[Row]) -> None:
         """Write the rows; there is a time column if the first row has a time."""
-        if rows and self._cells is None:
-            times = rows[0].t_ns is not None
-            self._cells = self._begin(TextLayout(times=times, ports=self._ports, zone=self._zone))
-        if self._cells is not None:
-            for row in rows:
-                self._print(GAP.join(self._cells(row)), _style_of(row))
-
-    def _begin(self, layout: TextLayout) -> Callable[[Row], Iterable[str]]:
-        if self._console.width >= layout.width:
-            self._print(GAP.join(layout.header()), "bold")
-            return lambda row: self._wide_cells(layout.cells(row))
-        self._print(GAP.join(layout.narrow_header()), "bold")
-        return layout.narrow_cells
-
-    def _wide_cells(self, cells: list[str]) -> list[str]:
-        *others, raw, faults = cells
-        room = max(1, self._console.width - len(GAP.join([*others, "", faults])))
-        is_cut = len(raw.rstrip()) > room
-        return [*others, f"{raw[: room - 1]}…" if is_cut else raw[:room], faults]
+        for row in rows:
+            if self._layout is None:
+                times = row.t_ns is not None
+                self._layout = TextLayout(times=times, ports=self._ports, zone=self._zone)
+                self._print(self._layout.short_header(), "bold")
+            self._print(self._layout.short_cells(row), _style_of(row))
 
     def close(self) -> None:
         """Do nothing: all rows are written."""
 
-    def _print(self, line: str, style: str) -> None:
+    def _print(self, cells: Iterable[str], style: str) -> None:
         self._console.print(
-            line.rstrip(),
+            GAP.join(cells).rstrip(),
             style=style,
             markup=False,
             highlight=False,

@@ -22,18 +22,7 @@ def test_long_bytes_do_not_hide_the_fault(width: int, size: int) -> None:
     assert "noise" in line
     assert max(map(len, (head, line))) <= width
     assert ("…" in line) == (" 00" * size not in f" {line}")
-
-
-def test_bytes_that_fit_are_not_cut_for_the_space_after_them() -> None:
-    faults = (Fault.NOISE, Fault.TRUNCATED, Fault.OVERLONG, Fault.LINE_ERROR)
-    row = Row("port", 0, bytes(3), 1_770_000_000_000_000_000, faults, delay_ns=0, framed=False)
-    for width in range(178, 220):  # from where three bytes have space
-        screen = StringIO()
-        RichWriter(Console(file=screen, width=width), ports=True).write([row])
-        line = screen.getvalue().splitlines()[1]
-        assert "00 00 00" in line, width
-        assert "noise,truncated,overlong,line_error" in line, width
-        assert "…" not in line, width
+    assert line.index("noise") < line.index("00 00")
 
 
 def test_a_file_has_all_bytes() -> None:
