@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Self
 
 from fte_sniff.capture.clock import Clock
@@ -11,6 +12,7 @@ from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.source import Item, Source
 from fte_sniff.protocol import Chunk, PortEvent
 from tests.beside import Work
+from tests.pseudo_terminals import Pty
 from tests.waiting import wait_until
 
 CLOCK = Clock.tied()
@@ -67,6 +69,22 @@ class Seen:
     def end(self) -> None:
         self.source.stop()
         self.ended()
+
+
+class Adapter:
+    """A link such as udev keeps, and one for host programs."""
+
+    def __init__(self, folder: Path) -> None:
+        self._fresh, self.link = folder / "new", folder / "motors"
+        self.name = str(folder / "usb-FTDI-if00-port0")
+
+    def plug(self, pty: Pty) -> None:
+        self._fresh.symlink_to(pty.device)
+        self._fresh.rename(self.name)
+
+    def pull(self, pty: Pty) -> None:
+        Path(self.name).unlink()
+        pty.unplug()
 
 
 def opened(*names: str, reconnect: bool = False, **settings: object) -> Source:

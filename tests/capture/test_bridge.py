@@ -11,7 +11,6 @@ import termios
 import time
 from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import serial
@@ -23,7 +22,6 @@ from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
-    FRAME_LENGTH,
     KIND_BY_NAME,
     MOTORS,
     Chunk,
@@ -31,8 +29,8 @@ from fte_sniff.protocol import (
     byte_time_ns,
     encode,
 )
-from tests.beside import Work, held
-from tests.capture.seen import CLOCK, Seen
+from tests.beside import Work
+from tests.capture.seen import CLOCK, Adapter, Seen
 from tests.pseudo_terminals import Pty
 from tests.support.columns import fed
 from tests.support.speeds import speed_of
@@ -199,15 +197,6 @@ def test_port_is_the_bridges_alone_while_it_runs(bridged, pty) -> None:
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
 
 
-def test_port_that_another_program_holds_is_refused(pty, tmp_path) -> None:
-    with (
-        held(pty.near) as other,
-        pytest.raises(PortError, match=rf"sleep \(pid {other.pid}\) has it open"),
-    ):
-        Bridge(pty.device, link=tmp_path / "link").open(CLOCK)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_link_in_the_way_leaves_the_port_free(pty, tmp_path) -> None:
     link = tmp_path / "link"
     link.write_text("mine")
@@ -244,10 +233,6 @@ def test_written_bytes_have_the_time_at_which_they_leave_the_line(bridged, pty) 
     assert ends[-1] <= after_ns + DRIVER_BUFFER_BYTES * byte_ns
 
 
-def test_silence_is_reported_on_both_wires(bridged, pty) -> None:
-    bridged.wait(lambda s: {HOST, pty.device} <= {i.port for i in s.items if isinstance(i, Chunk)})
-
-
 def test_nothing_is_forwarded_before_it_can_be_recorded(pty, tmp_path) -> None:
     bridge = Bridge(pty.device, link=tmp_path / "link", reconnect=False).open(CLOCK)
     with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
@@ -261,33 +246,19 @@ def test_nothing_is_forwarded_before_it_can_be_recorded(pty, tmp_path) -> None:
 # A bridge whose port is lost
 
 
-class Adapter:
-    """An adapter behind a link, and the link for host programs."""
-
-    def __init__(self, folder: Path) -> None:
-        self.name, self.link, self._fresh = folder / "usb-if00", folder / "motors", folder / "new"
-
-    def plug(self, pty: Pty) -> None:
-        self._fresh.symlink_to(pty.device)
-        self._fresh.rename(self.name)
-
-    def pull(self, pty: Pty) -> None:
-        self.name.unlink()
-        pty.unplug()
-
-    def seen(self, link: Path | None) -> Seen:
-        return Seen(Bridge(str(self.name), link=link).open(CLOCK))
-
-
 @pytest.fixture
 def adapter(tmp_path) -> Adapter:
     return Adapter(tmp_path)
 
 
+def bridge_at(adapter: Adapter) -> Seen:
+    return Seen(Bridge(adapter.name, link=adapter.link).open(CLOCK))
+
+
 def test_host_program_is_hung_up_and_comes_again_by_the_same_link(new_pty, adapter) -> None:
     first, second = new_pty(), new_pty()
     adapter.plug(first)
-    with adapter.seen(adapter.link) as seen:
+    with bridge_at(adapter) as seen:
         with host_of(seen) as host:
             seen.wait_for("opened", wire=HOST)
             adapter.pull(first)
@@ -302,7 +273,7 @@ def test_host_program_is_hung_up_and_comes_again_by_the_same_link(new_pty, adapt
             assert from_far(second, 5) == b"there"
             second.send(b"back")
             assert host.read(4) == b"back"
-    assert seen.kinds(str(adapter.name)) == ["opened", "lost", "found_again", "closed"]
+    assert seen.kinds(adapter.name) == ["opened", "lost", "found_again", "closed"]
     assert seen.kinds(HOST)[:3] == ["opened", "closed", "opened"]
     assert not adapter.link.is_symlink()
 
@@ -310,25 +281,15 @@ def test_host_program_is_hung_up_and_comes_again_by_the_same_link(new_pty, adapt
 def test_link_that_was_taken_meanwhile_ends_the_bridge(new_pty, adapter) -> None:
     first, second = new_pty(), new_pty()
     adapter.plug(first)
-    seen = adapter.seen(adapter.link)
+    seen = bridge_at(adapter)
     adapter.pull(first)
     seen.wait_for("lost")
     adapter.link.write_text("mine")
     adapter.plug(second)
     seen.ended()
-    assert seen.kinds(str(adapter.name)) == ["opened", "lost", "lost"]
+    assert seen.kinds(adapter.name) == ["opened", "lost", "lost"]
     assert seen.source.end is SourceEnd.LOST
     assert adapter.link.read_text() == "mine"
-
-
-def test_without_a_link_a_lost_port_is_the_end(new_pty, adapter, tmp_path) -> None:
-    pty = new_pty()
-    adapter.plug(pty)
-    seen = adapter.seen(None)
-    adapter.pull(pty)
-    seen.ended()
-    assert seen.source.end is SourceEnd.LOST
-    assert list(tmp_path.iterdir()) == []
 
 
 # The simulated controller, and the link
@@ -355,20 +316,6 @@ def test_program_commands_the_controller_and_receives_its_feedback() -> None:
         bridge.stop()
         work.ended()
     assert speeds[1] == 0
-
-
-def test_simulation_with_an_end_ends_it() -> None:
-    seen = Seen(open_simulated(SimulationParameters(frames=5, rate=1000), DEFAULT_BAUD))
-    seen.ended()
-    assert sum(len(one.data) for one in seen.chunks() if one.port != HOST) == 5 * FRAME_LENGTH
-
-
-def test_link_leads_to_the_device_while_it_is_there(tmp_path) -> None:
-    link = tmp_path / "controller"
-    with open_simulated(ALONE, DEFAULT_BAUD, link) as bridge:
-        assert bridge.device == str(link)
-        open_port(str(link)).close()
-    assert not link.is_symlink()
 
 
 def test_only_a_link_to_a_terminal_that_is_gone_is_replaced(tmp_path) -> None:

@@ -50,17 +50,6 @@ def test_all_errors_are_reported_by_kind_though_counters_wrap(steps, start: int)
     assert len(events) <= len(steps) // 3 + 2
 
 
-def test_report_names_the_kinds() -> None:
-    counts = [LineErrorCounts(), LineErrorCounts(framing=2, breaks=1)]
-    errors = LineErrors("a", lambda: counts.pop(0))
-    errors.spans(b"x")
-    (event,) = errors.report(0)
-    assert (event.port, event.kind, event.detail, event.count) == (
-        *("a", "line_error"),
-        *("2 framing, 1 break", 3),
-    )
-
-
 @pytest.mark.parametrize("name", ["pty", "loop://", "sim://"])
 def test_port_without_a_uart_has_no_line_errors(pty, name: str) -> None:
     with open_port(pty.device if name == "pty" else name) as port:
@@ -74,11 +63,3 @@ def test_source_names_what_the_driver_supports(pty) -> None:
     with Seen(opened(pty.device)) as seen:
         expected = "115200 baud 8N1, DTR off, RTS off; no low latency setting; line errors "
         assert seen.wait_for("opened").detail == f"{expected}unavailable"
-
-
-def test_every_byte_is_read_whatever_it_resembles(pty) -> None:
-    """No marks are requested, so FF and 00 stay what they are."""
-    with Seen(opened(pty.device)) as seen:
-        pty.send(bytes(range(256)) + b"\xff\x00\xff\xff\x00" * 9)
-        seen.wait(lambda s: len(s.data()) == 301)
-    assert seen.data() == bytes(range(256)) + b"\xff\x00\xff\xff\x00" * 9

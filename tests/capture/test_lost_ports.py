@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
@@ -12,25 +11,7 @@ from fte_sniff.capture.lasting_name import lasting_name, made
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.source import SourceEnd
 from tests.beside import held, server_socket
-from tests.capture.seen import Seen, opened
-from tests.pseudo_terminals import Pty
-
-
-class Adapter:
-    """A link such as udev keeps."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self.name = str(folder / "usb-FTDI-if00-port0")
-
-    def plug(self, pty: Pty) -> None:
-        fresh = self._folder / "new"
-        fresh.symlink_to(pty.device)
-        fresh.rename(self.name)
-
-    def pull(self, pty: Pty) -> None:
-        Path(self.name).unlink()
-        pty.unplug()
+from tests.capture.seen import Adapter, Seen, opened
 
 
 @pytest.fixture

@@ -73,18 +73,6 @@ def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty):
     assert seen.source.end is SourceEnd.LOST
 
 
-def test_bytes_that_came_before_a_loss_are_read(server, pty, until):
-    port = open_port(server.url)
-    pty.send(b"x" * 500)
-    until(lambda: port.in_waiting == 500)
-    server.hang_up()
-    until(lambda: not port._thread.is_alive())
-    assert port.read(1000) == b"x" * 500
-    with pytest.raises(serial.SerialException, match="hung up"):
-        port.read(1)
-    port.close()
-
-
 def test_a_server_that_does_not_speak_rfc2217_is_refused():
     with server_socket() as listening:
         url = f"rfc2217://127.0.0.1:{listening.getsockname()[1]}"

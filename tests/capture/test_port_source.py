@@ -11,13 +11,12 @@ import termios
 
 import pytest
 
-from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
-from fte_sniff.protocol import Chunk, PortEventKind
+from fte_sniff.protocol import Chunk
 from tests.beside import Work, held, running, server_socket
 from tests.capture.seen import CLOCK, Seen, opened
 
@@ -239,16 +238,3 @@ def test_program_that_opens_the_port_later_is_reported_once(pty) -> None:
                 detail = seen.wait_for("shared", 2).detail
                 assert detail.startswith(f"tail (pid {second.pid}) has")
     assert seen.kinds() == ["opened", "shared", "shared", "closed"]
-
-
-def test_only_a_device_can_be_shared() -> None:
-    with pytest.raises(UsageError, match="cannot be shared: only a device can"):
-        opened("sim://", share=True)
-
-
-def test_clock_of_all_ports_is_one(pty) -> None:
-    clock = Clock.tied()
-    with Seen(PortGroup((pty.device, "loop://")).open(clock)) as seen:
-        seen.wait(lambda s: len(s.items) > 20)
-    first = [item.t_ns for item in seen.events() if item.kind is PortEventKind.OPENED]
-    assert max(first) - min(first) < 10**9

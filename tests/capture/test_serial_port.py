@@ -2,8 +2,6 @@
 
 import os
 import socket
-import subprocess
-import sys
 import termios
 
 import pytest
@@ -24,7 +22,7 @@ from fte_sniff.capture.serial_port import (
 from fte_sniff.capture.url_handlers import protocol_socket
 from fte_sniff.errors import PortError, ValueRangeError
 from fte_sniff.protocol import byte_time_ns
-from tests.beside import Work, running, server_socket
+from tests.beside import Work, server_socket
 
 
 def message_of(name, settings=PortSettings()):  # noqa: B008
@@ -61,18 +59,6 @@ def test_every_byte_comes_through_unchanged_and_none_goes_out(pty, baud, until):
         assert port.read(len(every_byte)) == every_byte
         assert pty.arrived() == b""
     assert pty.arrived() == b""
-
-
-@pytest.mark.parametrize("dtr", ControlLine)
-@pytest.mark.parametrize("rts", ControlLine)
-def test_a_port_without_control_lines_opens_whatever_is_asked_of_them(pty, dtr, rts, until):
-    settings = PortSettings(dtr=dtr, rts=rts)
-    for name in (pty.device, "sim://", "loop://"):
-        open_port(name, settings).close()
-    with open_port(pty.device, settings) as port:
-        assert (port.dtr, port.rts) == (dtr is ControlLine.ON, rts is ControlLine.ON)
-        pty.send(b"x")
-        until(lambda: port.in_waiting)
 
 
 @pytest.mark.parametrize(
@@ -120,13 +106,6 @@ def test_an_absent_server_is_reported_once(scheme):
     assert message.endswith("Connection refused; does a server listen there?")
 
 
-def test_a_server_that_does_not_speak_rfc_2217_is_named_with_the_way_out():
-    with server_socket() as server:
-        where = f"127.0.0.1:{server.getsockname()[1]}"
-        message = message_of(f"rfc2217://{where}")
-    assert message.endswith(f"not speak RFC 2217; if it sends plain bytes, open socket://{where}")
-
-
 @pytest.mark.parametrize("baud", [-1, 0, 49, 12_000_001, 2**40])
 def test_a_baud_out_of_range_is_refused_with_the_range(baud):
     with pytest.raises(ValueRangeError, match=rf"baud {baud} is out of range: 50\.\.12000000"):
@@ -142,18 +121,6 @@ def test_settings_have_a_text():
 def test_a_port_can_be_open_once_only(pty):
     with open_port(pty.device):
         assert "is busy: this or another program has it open" in message_of(pty.device)
-    open_port(pty.device).close()
-
-
-def test_a_busy_port_names_who_has_it(pty):
-    code = "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True); print(); input()"
-    words = [sys.executable, "-c", code, pty.device]
-    with running(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
-        holder.stdout.readline()
-        message = message_of(pty.device)
-    assert "is busy: python" in message
-    assert f"(pid {holder.pid}) has it open; watch that program" in message
-    assert f"`fte-sniff live --attach {pty.device}`" in message
     open_port(pty.device).close()
 
 

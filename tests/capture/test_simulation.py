@@ -26,7 +26,6 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     MOTORS,
     Chunk,
-    Direction,
     Framer,
     Row,
     Status,
@@ -93,15 +92,6 @@ def test_without_faults_all_is_legal_and_in_step():
     assert all(row.framed and row.status is Status.OK for row in rows)
 
 
-@pytest.mark.parametrize("rate", [50, 200, 1152])
-def test_the_rate_is_kept(rate):
-    seconds = 8
-    items = itertools.takewhile(
-        lambda item: item.begins_ns < seconds * 10**9, Simulation(SimulationParameters(rate=rate))
-    )
-    assert 0.8 * rate * seconds < sum(1 for _ in items) <= rate * seconds
-
-
 FRAMES = 5_000
 FIVE_SIGMA = 5 * (FRAMES * 0.1 * 0.9) ** 0.5
 
@@ -133,26 +123,6 @@ def test_noise_stands_between_frames_and_is_as_frequent_as_asked():
     assert len(items) - len(noise) == FRAMES
     assert is_expected(len(noise))
     assert {len(item.data) for item in noise} == set(range(1, 9))
-
-
-def test_the_two_wires_together_are_the_bus():
-    both, *wires = (
-        list(itertools.takewhile(
-            lambda item: item.begins_ns < 20 * 10**9,
-            Simulation(SimulationParameters(seed=5, wire=wire)),
-        ))
-        for wire in ("both", *Direction)
-    )  # fmt: skip
-    for direction, wire in zip(Direction, wires, strict=True):
-        assert {Row("", 0, item.sent, None).direction for item in wire} == {direction}
-    merged = sorted((item for wire in wires for item in wire), key=lambda item: item.begins_ns)
-    assert [item.sent for item in merged] == [item.sent for item in both]
-
-
-def test_without_a_host_there_are_no_commands_and_nothing_moves():
-    frames = [Row("", 0, item.sent, None) for item in received(1000, host="off")]
-    assert {frame.direction for frame in frames} == {Direction.FEEDBACK}
-    assert {frame.values["rpm"] for frame in frames} == {0}
 
 
 @pytest.mark.parametrize("seed", first(2, range(5)))
@@ -260,28 +230,6 @@ def test_a_motor_goes_to_its_place_within_the_limit_and_stays(first, second, lim
         assert (round(motor.pulses), round(motor.rpm)) == (target, 0)
 
 
-@given(SPEED)
-def test_position_is_the_integral_of_speed(rpm):
-    motor = Motor()
-    motor.turn(rpm)
-    passed(motor, 2)
-    before = motor.pulses
-    passed(motor, 6)
-    assert abs((motor.pulses - before) - rpm / 60 * 500 * 6) <= 2 + abs(rpm) / 100
-
-
-def test_a_motor_that_goes_offline_runs_down_and_then_obeys_its_target():
-    motor = Motor()
-    motor.turn(1000)
-    passed(motor, 2)
-    motor.online = False
-    passed(motor, 2)
-    assert motor.rpm == 0
-    motor.online = True
-    passed(motor, 2)
-    assert round(motor.rpm) == 1000
-
-
 def reported(controller, motor):
     """The feedback of a motor, decoded; None while it is silent."""
     raw = controller.feedback(motor)
@@ -321,17 +269,6 @@ def test_mecanum_wheels_turn_as_the_chassis_moves(controller, motion, signs):
         assert (feedback.kind.name, feedback.cmd) == ("speed_feedback", 3)
         assert abs(feedback.values["rpm"] - rpm) <= 2
         assert (feedback.values["rpm"] > 0) - (feedback.values["rpm"] < 0) == sign
-
-
-def test_reset_stops_all_and_zeroes_positions(controller):
-    obey(controller, "position", motor=2, rpm=1000, pulses=4000)
-    obey(controller, "speed", motor=1, rpm=700)
-    controller.advance_to(3)
-    obey(controller, "reset")
-    controller.advance_to(5)
-    assert [reported(controller, motor).values["rpm"] for motor in MOTORS] == [0, 0, 0, 0]
-    obey(controller, "position", motor=2, rpm=0, pulses=0)
-    assert reported(controller, 2).values["pulses"] == 0
 
 
 def test_a_position_past_the_field_wraps_as_a_counter_does(controller):

@@ -74,17 +74,6 @@ def test_nothing_stays_open_when_one_cannot_connect(line: Line) -> None:
     assert line.closed == 1
 
 
-def test_loss_of_one_ends_all(line: Line) -> None:
-    other = Line("b")
-    line.reads += [b"last words", OSError("gone")]
-    seen = Seen(source_of(line, other))
-    seen.ended()
-    assert seen.data("a") == b"last words"
-    assert seen.kinds("a") == ["opened", "lost"]
-    assert seen.kinds("b") == ["opened", "closed"]
-    assert seen.source.end is SourceEnd.LOST
-
-
 def test_watched_program_that_ends_is_not_an_error(line: Line) -> None:
     line.reads.append(EOFError("it ended"))
     seen = Seen(source_of(line))

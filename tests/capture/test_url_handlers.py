@@ -1,9 +1,6 @@
 """The rules for URL handlers, for each scheme; the simulated port."""
 
 import itertools
-import math
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
@@ -17,7 +14,7 @@ from fte_sniff.capture import url_handlers
 from fte_sniff.capture.port_errors import known_schemes
 from fte_sniff.capture.serial_port import open_port, reader_of, writer_of
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.capture.url_handlers import NETWORK, protocol_sim
+from fte_sniff.capture.url_handlers import NETWORK
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import KIND_BY_NAME, Chunk, Framer, encode
 from tests.beside import server_socket
@@ -151,19 +148,6 @@ def opened():
         port.close()
 
 
-def test_importing_the_capture_room_is_all_it_takes():
-    code = (
-        "import serial, fte_sniff.capture\n"
-        "port = serial.serial_for_url('sim://?seed=4', 115200)\n"
-        "print(port.read(100).hex())"
-    )
-    reported = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    frames = itertools.islice(Simulation(SimulationParameters(seed=4)), 10)
-    assert reported.stdout.strip() == b"".join(item.data for item in frames).hex()
-
-
 @pytest.mark.parametrize("sizes", [[1], [7, 1, 23], [400]])
 def test_however_it_is_read_the_bytes_are_those_of_the_simulation(opened, sizes):
     asked = SimulationParameters(seed=9, rate=1000, drop=0.1, flip=0.1, noise=0.3)
@@ -172,56 +156,6 @@ def test_however_it_is_read_the_bytes_are_those_of_the_simulation(opened, sizes)
     expected = b"".join(item.data for item in itertools.islice(Simulation(asked), 5000))
     assert expected.startswith(read)
     assert len(read) == sum(itertools.islice(itertools.cycle(sizes), 40))
-
-
-class Clock:
-    """A clock on which time passes only in a sleep."""
-
-    def __init__(self):
-        self.ns = 0
-
-    def monotonic_ns(self):
-        return self.ns
-
-    def sleep(self, seconds):
-        self.ns += math.ceil(seconds * 1e9)
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    made = Clock()
-    monkeypatch.setattr(protocol_sim, "time", made)
-    return made
-
-
-def test_a_frame_can_be_read_when_its_last_byte_is_over_and_not_before(opened, clock):
-    port = opened("rate=500")
-    for number, item in enumerate(
-        itertools.islice(Simulation(SimulationParameters(rate=500)), 100)
-    ):
-        if number == 50:  # a read that is late makes none late that follows it
-            clock.ns += 5 * (item.t_ns - clock.ns)
-        late = clock.ns > item.t_ns
-        assert port.read(len(item.data)) == item.data
-        assert late or item.t_ns <= clock.ns <= item.t_ns + 1
-
-
-def test_a_read_ends_with_what_there_is_when_the_time_is_over(opened):
-    port = opened("host=off&rate=0.01", timeout=0.02)
-    started = time.monotonic()
-    assert port.read(1) == b""
-    assert time.monotonic() - started >= 0.02
-    port.timeout = 0
-    assert port.read(100) == b""
-
-
-def test_after_its_last_frame_the_port_is_lost_but_not_what_came_before(opened, until):
-    port = opened("frames=5&rate=1000", timeout=1)
-    until(lambda: port.in_waiting == 50)
-    assert len(port.read(1000)) == 50
-    for used in (lambda: port.read(1), lambda: port.in_waiting):
-        with pytest.raises(serial.SerialException, match="unplugged"):
-            used()
 
 
 def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
@@ -239,20 +173,6 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
     assert port.write(bytearray(command[4:])) == 6
     until(runs)
     assert (speeds[1], speeds[2], speeds[4]) == (0, 0, 0)
-
-
-@pytest.mark.parametrize(
-    ("url", "reported"),
-    [
-        ("sim://?sed=1", "did you mean seed"),
-        ("sim://seed=1", "after '?'"),
-        ("sim:///x?seed=1", "after '?'"),
-        ("sim://?rate=1153", "at most 1152"),
-    ],
-)
-def test_what_cannot_be_simulated_is_pyserials_own_exception(url, reported):
-    with pytest.raises(serial.SerialException, match=reported.replace("?", r"\?")):
-        serial.serial_for_url(url, 115_200)
 
 
 def test_a_baud_that_cannot_carry_the_rate_is_refused_while_open(opened):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats import log_text
-from fte_sniff.formats.log import FORMS, Log, LogOptions
+from fte_sniff.formats.log import Log, LogOptions
 from fte_sniff.formats.log_text import is_text
 from fte_sniff.protocol import (
     HEADERS,
@@ -30,7 +30,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.session.framing import rows_of_chunks
 from tests.examples import examples
-from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, line, spaced
+from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, spaced
 from tests.slow import first
 
 WAYS = ("tx", "rx")
@@ -232,18 +232,6 @@ def test_frame_that_the_other_direction_interrupts_is_whole() -> None:
     assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
 
 
-@pytest.mark.parametrize(
-    "form",
-    ["port {}: {}", "ch-{} {}", "10.0.0.{0}:4000 -> 10.0.0.9:80 {1}", "[uart_rx{}] {}"],
-)
-def test_number_in_a_name_separates_wires(form: str) -> None:
-    frames = [frame_of(kind, random.Random(1)).hex(" ") for kind in (KINDS[1], KINDS[4])]
-    lines = [form.format(port + 1, frames[port]) for _ in range(300) for port in (0, 1)]
-    rows, _ = rows_of("\n".join(lines))
-    assert [row.raw.hex(" ") for row in rows] == frames * 300
-    assert {(row.port, row.raw[0]) for row in rows} == {("log.txt:tx", 0xAA), ("log.txt:rx", 0x55)}
-
-
 @pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("-->", "<--")])
 def test_arrows_separate_directions_of_plain_hex(tx: str, rx: str) -> None:
     log = a_log(3)
@@ -435,14 +423,6 @@ def test_time_above_holds_for_the_lines_below() -> None:
     midnight = 1_769_817_600_000
     for row in rows:
         assert (row.t_ns or 0) // 10**6 - midnight == starts[row.port[-2:]].pop(0)
-
-
-def test_time_of_a_line_that_has_none_is_that_of_the_line_before() -> None:
-    lines = LAYOUTS["Arduino"](a_log(0)).splitlines()
-    lines[5] = lines[5].partition(" -> ")[2]
-    rows, notes = rows_of("\n".join(lines))
-    assert rows[5].t_ns == rows[4].t_ns
-    assert "1 of its lines lack a time; the one before is taken" in notes
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("s", 10**9), ("ms", 10**6), ("us", 1000), ("ns", 1)])
@@ -674,8 +654,3 @@ def test_frames_of_any_writer_come_back_exactly(
     assert found_in(rows) == frames_of(log), notes
     assert size_of(rows) == size_of(log), notes
     assert all(row.t_ns is not None for row in rows) == (time != "none" and "{time}" in prefix)
-
-
-def test_every_form_is_named_once() -> None:
-    assert len({form.name for form in FORMS}) == len(FORMS)
-    assert line("{hex}")([Sent(b"\xaa", "tx", 0)]) == "aa\n"
