@@ -340,12 +340,6 @@ _READING = in_group(
         " 2026-01-31T12:00:00Z; bytes without times follow each other at the baud.",
     ),
     click.option(
-        "--form",
-        "log_form",
-        metavar="NAME",
-        help="How a log writes bytes, such as 'hex pairs'; a wrong name lists all.",
-    ),
-    click.option(
         "--input-regex",
         "pattern",
         metavar="REGEX",
@@ -426,8 +420,6 @@ class InputQuery:
     """The zone of times in text, and of times that name none; None for UTC."""
     start: str | None = None
     """When the seconds of a log, or its bytes, began."""
-    log_form: str | None = None
-    """The form in which a log writes bytes."""
     pattern: str | None = None
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
@@ -444,12 +436,12 @@ class InputQuery:
 
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)
-        given = (day, self.zone_given(), self.start_ns(), self.log_form, pattern)
+        given = (day, self.zone_given(), self.start_ns(), pattern)
         return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
 
     def _check_log_options(self) -> None:
         """Raise InputTextError if a given option is invalid, even if no log is read."""
-        given = self.day, self.zone, self.start, self.log_form, self.pattern
+        given = self.day, self.zone, self.start, self.pattern
         if any(one is not None for one in given):
             self.log_options()
 

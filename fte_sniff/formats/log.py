@@ -184,7 +184,6 @@ class LogOptions(NamedTuple):
     """Of times without one; None for UTC."""
     start_ns: int | None = None
     """When the seconds of the log began; None for 1970."""
-    form: str | None = None
     pattern: re.Pattern[str] | None = None
     """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
     baud: int = DEFAULT_BAUD
@@ -224,7 +223,6 @@ class LineReader:
         self._counter = _counter_of(lines)
         self._cuts: dict[Lane, slice] = {}
         """By lane with data, which bytes of a run are data."""
-        self._accepts_all = False
         self._twins = set[Lane]()
         """Lanes whose data are in another lane too."""
         self._ends = set[tuple[str, bool]]()
@@ -276,8 +274,6 @@ class LineReader:
 
     def _is_data(self, run: Run, text: str) -> bool:
         """Whether the lane of a run has data; it has from its first whole frame on."""
-        if self._accepts_all:
-            return len(run.data) >= _FEW
         if run.lane not in self._cuts:
             is_new = len(run.data) >= FRAME_LENGTH and run.lane not in self._twins
             if not is_new or not _FRAME.search(run.data):
@@ -312,10 +308,6 @@ class LineReader:
             ends = Counter(is_last for _, is_last, run in runs if len(run.data) >= _FEW)
             ends = ends or Counter(is_last for _, is_last, _ in runs)
             self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
-
-    def accept_all(self) -> None:
-        """Take all runs for data, of a log without frames."""
-        self._cuts, self._accepts_all = defaultdict(lambda: slice(None)), True
 
     def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
         """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""
@@ -618,9 +610,7 @@ class Log:
         if found is not None:
             self._evidence = found[0]
             if found[0].frames * FRAME_LENGTH <= _LEAST_SHARE * found[0].size:
-                if self.options.form is None:
-                    self._refuse(first, found)
-                self._evidence.reader.accept_all()
+                self._refuse(first, found)
         return first
 
     def _refuse(self, lines: Sequence[str], found: Sequence[Evidence]) -> NoReturn:
@@ -642,15 +632,10 @@ class Log:
 
     def _readings(self, lines: Sequence[str]) -> list[Evidence] | None:
         """The evidence of all forms, the best first; None if it is plain hex."""
-        options = self.options
-        forms = [form for form in FORMS if options.form in (None, form.name)]
-        if not forms:
-            names = ", ".join(form.name for form in FORMS)
-            raise InputTextError(f"--form: unknown form; the forms are: {names}")
-        found = [Evidence.of(form, lines, options.pattern) for form in forms]
+        pattern = self.options.pattern
+        found = [Evidence.of(form, lines, pattern) for form in FORMS]
         found.sort(key=lambda one: -one.score)
-        is_free = options.form is None and options.pattern is None
-        return None if is_free and _is_plain(lines, found[0]) else found
+        return None if pattern is None and _is_plain(lines, found[0]) else found
 
     def chunks(self) -> Iterator[Chunk]:
         """The bytes of each line, with the time of the line or of the heading above it.

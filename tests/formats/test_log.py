@@ -555,16 +555,6 @@ def test_own_results_are_refused_with_what_to_do(first: str, what: str) -> None:
         rows_of(f"{first}1,2,3\n")
 
 
-def test_unknown_form_lists_all() -> None:
-    with pytest.raises(InputTextError, match="the forms are: hex pairs, hex digits"):
-        rows_of("AA 01", LogOptions(form="roman"))
-
-
-def test_form_of_the_user_is_read_without_frames() -> None:
-    rows, _ = rows_of("data 1 2 300\ndata 10 20 30 40\n", LogOptions(form="decimal"))
-    assert b"".join(row.raw for row in rows) == bytes([10, 20, 30, 40])
-
-
 # Any writer
 
 Writer = Callable[[bytes], str]
