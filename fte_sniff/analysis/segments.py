@@ -79,7 +79,6 @@ class Segments:
             self._events.append(item)
         elif isinstance(item, Rows):
             self._rows.append(item)
-            self._events += item.events
             self._count += len(item)
             if self._count >= self._most:
                 yield from self._cut(final=False)

@@ -82,9 +82,6 @@ class RowStore:
 
     def _add(self, rows: Rows) -> None:
         start, self.next = self.next, self.next + len(rows)
-        rising = np.maximum.accumulate(rows.t_ns)
-        for event in rows.events:
-            self.marks.append(Mark(start + int(np.searchsorted(rising, event.t_ns)), event))
         recording = next(reversed(self._heard))
         if self._heard[recording] == NEVER and (at := np.flatnonzero(FEEDBACK[rows.kinds])).size:
             self._heard[recording] = start + int(at[0])

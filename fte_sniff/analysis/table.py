@@ -52,7 +52,7 @@ class Table:
     """Rows that are analysed together."""
 
     rows: Rows
-    """With the rows before and after its own; their events are not used."""
+    """With the rows before and after its own."""
     runs: Runs
     start: int
     stop: int
@@ -76,7 +76,7 @@ class Table:
     def of(cls, rows: Rows, runs: Runs, baud: int = DEFAULT_BAUD) -> Table:
         """A table of rows of one input, all its own."""
         byte_ns, source = np.full(len(rows), byte_time_ns(baud)), np.zeros(len(rows), np.int64)
-        return cls(rows, runs, 0, len(rows), byte_ns, source, events=rows.events)
+        return cls(rows, runs, 0, len(rows), byte_ns, source)
 
     @cached_property
     def counted(self) -> Ints:

@@ -25,7 +25,7 @@ class Tally:
 
     def observe(self, rows: Rows) -> None:
         """Add rows."""
-        self._add(len(rows), int(np.count_nonzero(rows.framed)), rows.replace(()).span_ns)
+        self._add(len(rows), int(np.count_nonzero(rows.framed)), rows.span_ns)
         found, first, counts = np.unique(rows.faults, return_index=True, return_counts=True)
         for at in first.argsort().tolist():
             self._rows_by_faults[int(found[at])] += int(counts[at])

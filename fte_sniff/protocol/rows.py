@@ -158,13 +158,12 @@ class Row:
 
 
 class Rows(Sequence[Row]):
-    """Rows as columns of equal length, and the port events between them."""
+    """Rows as columns of equal length."""
 
     columns: Mapping[str, Array]
     """The columns by name, those of `COLUMNS`; each is an attribute, too."""
     ports: tuple[str, ...]
     """The ports by index; some may have no rows."""
-    events: tuple[PortEvent, ...]
     t_ns: Ints
     """Nanoseconds since 1970 UTC, or `NO_TIME`; int64."""
     offset: Ints
@@ -193,14 +192,9 @@ class Rows(Sequence[Row]):
     previous: Ints
     """The `payloads` of the frame before of the same port, motor and kind, or `NO_FACT`; int64."""
 
-    def __init__(
-        self,
-        columns: Mapping[str, Array],
-        ports: tuple[str, ...],
-        events: tuple[PortEvent, ...] = (),
-    ) -> None:
+    def __init__(self, columns: Mapping[str, Array], ports: tuple[str, ...]) -> None:
         """Rows of these columns, all of `COLUMNS`, each of its type; they are not copied."""
-        self.columns, self.ports, self.events = columns, ports, events
+        self.columns, self.ports = columns, ports
         self.__dict__.update(columns)
 
     @classmethod
@@ -220,7 +214,7 @@ class Rows(Sequence[Row]):
         return cls(found, ports)
 
     @classmethod
-    def of(cls, rows: Iterable[Row], events: Iterable[PortEvent] = ()) -> Self:
+    def of(cls, rows: Iterable[Row]) -> Self:
         """The columns of single rows; raises ValueError if one has more than 16 bytes."""
         rows = list(rows)
         if any(len(row.raw) > MOST_BYTES for row in rows):
@@ -237,11 +231,11 @@ class Rows(Sequence[Row]):
             missing = NO_TIME if name in {"t_ns", "delay_ns"} else NO_FACT
             values = [getattr(row, name) for row in rows]
             columns[name] = [missing if value is None else value for value in values]
-        return cls.blank(len(rows), ports, **columns).replace(events)
+        return cls.blank(len(rows), ports, **columns)
 
     @classmethod
     def concat(cls, parts: Sequence[Rows]) -> Rows:
-        """All rows and events, in order."""
+        """All rows, in order."""
         if len(parts) == 1:
             return parts[0]
         if not parts:
@@ -249,23 +243,22 @@ class Rows(Sequence[Row]):
         ports = tuple(dict.fromkeys(port for part in parts for port in part.ports))
         recoded = [part.with_ports(ports).columns for part in parts]
         columns = {name: np.concatenate([own[name] for own in recoded]) for name in COLUMNS}
-        return Rows(columns, ports, tuple(event for part in parts for event in part.events))
+        return Rows(columns, ports)
 
     def with_ports(self, ports: tuple[str, ...]) -> Rows:
         """These rows with the indexes of other ports; raises ValueError if one is missing there."""
         if ports == self.ports:
             return self
         codes = np.array([ports.index(port) for port in self.ports], np.uint16)
-        return Rows({**self.columns, "port": codes[self.port]}, ports, self.events)
+        return Rows({**self.columns, "port": codes[self.port]}, ports)
 
-    def select(self, rows: slice | Array, events: tuple[PortEvent, ...] = ()) -> Rows:
-        """The rows of a slice, a mask or an array of indices, with these events."""
-        return Rows({name: own[rows] for name, own in self.columns.items()}, self.ports, events)
+    def select(self, rows: slice | Array) -> Rows:
+        """The rows of a slice, a mask or an array of indices."""
+        return Rows({name: own[rows] for name, own in self.columns.items()}, self.ports)
 
-    def replace(self, events: Iterable[PortEvent] | None = None, **columns: Array) -> Self:
-        """These rows with other columns or events."""
-        own = self.events if events is None else tuple(events)
-        return type(self)({**self.columns, **columns}, self.ports, own)
+    def replace(self, **columns: Array) -> Self:
+        """These rows with other columns."""
+        return type(self)({**self.columns, **columns}, self.ports)
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -275,14 +268,14 @@ class Rows(Sequence[Row]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the columns once."""
-        return type(self), (self.columns, self.ports, self.events)
+        return type(self), (self.columns, self.ports)
 
     @overload
     def __getitem__(self, at: int) -> Row: ...
     @overload
     def __getitem__(self, at: slice) -> Rows: ...
     def __getitem__(self, at: int | slice) -> Row | Rows:
-        """One row, or the rows of a slice without their events."""
+        """One row, or the rows of a slice."""
         if isinstance(at, slice):
             return self.select(at)
         index = range(len(self))[at]
@@ -323,9 +316,8 @@ class Rows(Sequence[Row]):
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
-        """The earliest and the latest time of its rows and events; None if none of them has one."""
-        events = np.array([event.t_ns for event in self.events], np.int64)
-        times = np.append(self.t_ns[self.timed], events)
+        """The earliest and the latest time of its rows; None if none of them has one."""
+        times = self.t_ns[self.timed]
         return (int(times.min()), int(times.max())) if len(times) else None
 
     @property

@@ -9,11 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import (
     MOST_BYTES,
     NO_KIND,
-    NO_ROWS,
     Row,
     Rows,
     fault_bits,
@@ -124,17 +122,6 @@ def test_previous_field_is_read_from_the_payload_before(rows: list[Row]) -> None
             assert (has == own_has).all()
             assert (values == own).all()
     assert not columns.replace(previous=np.full(len(rows), -1)).previous_field("rpm")[1].any()
-
-
-def test_events_pass_concat_and_replace_but_no_slice() -> None:
-    events = [PortEvent(t_ns, "a", PortEventKind.OPENED, "") for t_ns in (5, 70)]
-    parts = [Rows.of([Row("a", 0, SPEED, 20)], [event]) for event in events]
-    found = Rows.concat(parts)
-    assert found.events == tuple(events)
-    assert found.span_ns == (5, 70)
-    assert found[:1].events == ()
-    assert found.replace([]).span_ns == (20, 20)
-    assert NO_ROWS.span_ns is None
 
 
 def test_blank_rows_check_their_columns() -> None:

@@ -12,19 +12,13 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.reader import Recording
 
 
-def in_columns(*entries: Row | PortEvent | Iterable[Row | PortEvent]) -> Rows:
-    """Rows and events, one by one or in lists, as `Rows`."""
-    found: list[Row | PortEvent] = []
-    for entry in entries:
-        found += [entry] if hasattr(entry, "port") else entry  # type: ignore[list-item,arg-type]
-    events = [entry for entry in found if isinstance(entry, PortEvent)]
-    return Rows.of([one for one in found if not isinstance(one, PortEvent)], events=events)
-
-
 def entries(*given: Row | PortEvent | Iterable[Row | PortEvent]) -> list[Rows | PortEvent]:
     """Rows and events, one by one or in lists, as a recording takes them."""
-    found = in_columns(*given)
-    return [found.replace(()), *found.events]
+    found: list[Row | PortEvent] = []
+    for entry in given:
+        found += [entry] if hasattr(entry, "port") else entry  # type: ignore[list-item,arg-type]
+    rows = Rows.of([entry for entry in found if isinstance(entry, Row)])
+    return [rows, *(entry for entry in found if isinstance(entry, PortEvent))]
 
 
 def fed(framer: Framer, chunk: Chunk) -> list[Row]:

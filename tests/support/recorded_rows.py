@@ -58,7 +58,7 @@ def write_recording(
     with path.open("xb", buffering=0) as file:
         writer = BulkWriter(file.fileno(), ports, facts)
         for batch in batches:
-            writer.write(batch, *batch.events)
+            writer.write(batch)
         writer.close()
 
 

@@ -169,8 +169,8 @@ class RowFilter:
             ) from None
 
     def select(self, rows: Rows) -> Rows:
-        """The rows that pass, in order, and the port events between them."""
-        return rows.select(self.matches(rows), rows.events)
+        """The rows that pass, in order."""
+        return rows.select(self.matches(rows))
 
     def stream(self) -> StreamFilter:
         """This filter, for rows that come one after the other."""
@@ -216,8 +216,8 @@ class StreamFilter:
         return self.filter.matches(joined.replace(previous=previous))[count:]
 
     def select(self, rows: Rows, changes: Iterable[Change] = ()) -> Rows:
-        """The rows that pass, in order, and the port events between them."""
-        return rows.select(self.matches(rows, changes), rows.events)
+        """The rows that pass, in order."""
+        return rows.select(self.matches(rows, changes))
 
 
 ALERT_INTERVAL_S: Final = 1.0
