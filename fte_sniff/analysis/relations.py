@@ -27,6 +27,7 @@ from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import (
     COLUMNS,
     FACTS,
+    KIND_OF,
     NO_FACT,
     NO_KIND,
     NO_TIME,
@@ -38,7 +39,6 @@ from fte_sniff.protocol.rows import (
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     FRAME_LENGTH,
-    FTE_FORMAT,
     HEADERS,
     KINDS,
     MOTORS,
@@ -259,7 +259,6 @@ def _answers_of(rows: Rows, runs: Runs, motor: int, commands: Ints, feedback: In
 
 # The motor of damage
 
-_KIND_OF_HEAD: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
 _NAMING_CMDS: Final = np.unique([cmd for kind in KINDS if kind.names_motor for cmd in kind.cmds])
 _AROUND: Final = range(-2, 2)
 """The frames before damage, and after it, that must be in step."""
@@ -299,7 +298,7 @@ def _own_motors(rows: Rows, at: Ints) -> Ints:
     whole = rows.has(Fault.BAD_HEADER)[at] & (length == FRAME_LENGTH)
     whole &= raw[:, FRAME_LENGTH - 1] == TAIL
     whole &= np.isin(raw[:, CMD_OFFSET], _NAMING_CMDS)
-    names = (NAMES_MOTOR[_KIND_OF_HEAD[heads]] | whole) & (length > NUM_OFFSET)
+    names = (NAMES_MOTOR[KIND_OF[heads]] | whole) & (length > NUM_OFFSET)
     return np.where(names & np.isin(nums, MOTORS), nums, NO_FACT)
 
 

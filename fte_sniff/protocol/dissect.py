@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import pairwise, takewhile
+from itertools import takewhile
 from typing import NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
@@ -20,7 +20,6 @@ from fte_sniff.protocol.spec import (
     DIRECTION_OF_HEADER,
     FAULT_MEANINGS,
     FRAME_LENGTH,
-    FTE_FORMAT,
     HEADER_BYTES,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
@@ -39,15 +38,11 @@ _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
-_LIKE_HEADERS = {
-    Direction.CONTROL: TranslatableText("like the header of commands, host to controller"),
-    Direction.FEEDBACK: TranslatableText("like the header of feedback, controller to host"),
-}
 _HEADERS_TEXT = listed((f"{header:02X}" for header in HEADER_BYTES), Joint.OR)
 _TAIL_TEXT = f"{TAIL:02X}"
 _LAYOUTS = [
-    [(kind, FTE_FORMAT.legal_bytes(kind, dict.fromkeys(kind.open_reserve, 0))) for kind in KINDS],
-    [(kind, FTE_FORMAT.legal_bytes(kind)) for kind in KINDS],
+    [(kind, kind.legal_bytes(open_reserve=0)) for kind in KINDS],
+    [(kind, kind.legal_bytes()) for kind in KINDS],
 ]
 """The legal bytes of each kind: with 00 in its reserve, and with anything."""
 
@@ -80,18 +75,11 @@ class ExplainedField(NamedTuple):
     """Description, with the range of a number."""
     fault: Fault | None = None
     note: str = ""
-    """With a fault, what was expected and what was found, and where bytes are missing, what the
-    next one had to be; without one, the field's erratum."""
+    """With a fault, what was expected and what was found; without one, the field's erratum."""
     bits: tuple[ExplainedBit, ...] = ()
     """The bits of a flag byte, from bit 0 up."""
     is_raised: bool = False
     """Whether it is a flag byte that differs from its default."""
-
-
-@cache
-def byte_names(kind: FrameKind) -> tuple[str, ...]:
-    """For each byte of a frame of this kind, the name of its field in `dissect`."""
-    return tuple(slot.name for slot in _layout(kind) for _ in slot.offsets)
 
 
 def dissect(row: Row) -> list[ExplainedField]:
@@ -100,7 +88,8 @@ def dissect(row: Row) -> list[ExplainedField]:
         return [_decoded(row, slot) for slot in _layout(row.kind)]
     size, faults = len(row.raw), row.faults
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
-        return list(_in_step(row))
+        kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
+        return list(_undecoded_slots(row, kind, range(FRAME_LENGTH)))
     if 0 < size < FRAME_LENGTH and Fault.TRUNCATED in faults:
         return list(_spliced(row, Fault.TRUNCATED))
     if size > FRAME_LENGTH and Fault.OVERLONG in faults:
@@ -294,13 +283,12 @@ def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
         note = _expected(_TAIL_TEXT, f"{byte:02X}")
         return _explained(row, offsets, "tail", slot.meaning, fault=fault, note=note)
     if slot.name == "header":
-        direction = DIRECTION_OF_HEADER.get(byte)
-        if direction is not None and row.framed:
+        if row.framed:
+            direction = DIRECTION_OF_HEADER[byte]
             meaning = _HEADER_MEANINGS[direction]
             return _explained(row, offsets, "header", meaning, value=direction.value)
-        if direction is not None:
-            # In damage the byte may be any byte; the row has no direction.
-            return _explained(row, offsets, "header", _LIKE_HEADERS[direction])
+        if byte in HEADER_BYTES:  # in damage it may be any byte: the row has no direction
+            return _explained(row, offsets, "header", slot.meaning)
         note = _expected(_HEADERS_TEXT, f"{byte:02X}")
         return _explained(row, offsets, "header", slot.meaning, fault=Fault.BAD_HEADER, note=note)
     return _explained(row, offsets, slot.name, slot.meaning)
@@ -317,20 +305,9 @@ def _undecoded_slots(
             yield _undecoded(row, slot, range(start, stop))
 
 
-def _in_step(row: Row) -> Iterator[ExplainedField]:
-    kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
-    for field in _undecoded_slots(row, kind, range(FRAME_LENGTH)):
-        if field.name == "cmd" and kind is not None:
-            yield field._replace(meaning=TranslatableText("CMD: {kind}", kind=kind.name))
-        elif field.name == "payload":
-            yield field._replace(meaning=TranslatableText("not decoded"))
-        else:
-            yield field
-
-
 def _spliced(row: Row, fault: Fault) -> Iterator[ExplainedField]:
     """The head of a frame, the bytes that are missing or too many, and its rest."""
-    size, note = len(row.raw), ""
+    size = len(row.raw)
     kind, head, rest = _split(row.raw)
     inner = range(head, size - rest)
     if head + rest < min(size, FRAME_LENGTH):
@@ -349,7 +326,6 @@ def _spliced(row: Row, fault: Fault) -> Iterator[ExplainedField]:
             count=FRAME_LENGTH - size,
             length=FRAME_LENGTH,
         )
-        note = _next_byte(kind, head) if kind is not None and not rest else ""
     else:
         name = "extra"
         meaning = TranslatableText(
@@ -359,35 +335,9 @@ def _spliced(row: Row, fault: Fault) -> Iterator[ExplainedField]:
             length=FRAME_LENGTH,
         )
     yield from _undecoded_slots(row, kind, range(head))
-    yield _explained(row, inner, name, meaning, fault=fault, note=note)
+    yield _explained(row, inner, name, meaning, fault=fault)
     ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
     yield from _undecoded_slots(row, kind, ending, size - FRAME_LENGTH)
-
-
-def _next_byte(kind: FrameKind, offset: int) -> str:
-    """Why a truncated frame may end before an offset: a byte that is not legal there."""
-    if offset in kind.open_reserve:
-        return TranslatableText(
-            "DATA[{offset}] is reserve: where it is constant on the line, "
-            "another byte ends the frame here",
-            offset=offset,
-        )
-    legal = FTE_FORMAT.legal_bytes(kind)[offset]
-    if legal is None or offset == FRAME_LENGTH - 1:  # with another tail it is `bad_tail`
-        return ""
-    return TranslatableText(
-        "DATA[{offset}] must be {legal}: another byte ends the frame here",
-        offset=offset,
-        legal=ranges_text(legal),
-    )
-
-
-def ranges_text(numbers: bytes) -> str:
-    """Bytes in rising order: `00`, `01 or 03`, `01-04`."""
-    starts = [at for at, one in enumerate(numbers) if not at or one != numbers[at - 1] + 1]
-    runs = [numbers[start:stop] for start, stop in pairwise([*starts, len(numbers)])]
-    texts = (f"{run[0]:02X}" if len(run) == 1 else f"{run[0]:02X}-{run[-1]:02X}" for run in runs)
-    return listed(texts, Joint.OR)
 
 
 def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:

@@ -28,7 +28,6 @@ from fte_sniff.protocol.islands import (
     State,
     Walk,
     Wall,
-    kinds_of,
 )
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import (
@@ -42,8 +41,10 @@ from fte_sniff.protocol.rows import (
     Ints,
     Rows,
     fault_bits,
+    kind_of,
 )
 from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
     DEFAULT_BAUD,
     FRAME_LENGTH,
     KINDS,
@@ -143,7 +144,7 @@ class _ReserveCheck:
     def unusual(self, raw: Codes, is_frame: Bools) -> Bools:
         """Which rows, in stream order, are such frames."""
         found = np.zeros(len(raw), np.bool_)
-        kinds = kinds_of(raw)
+        kinds = kind_of(raw[:, 0], raw[:, CMD_OFFSET])
         with_reserve = is_frame & _HAS_RESERVE.take(kinds)
         masks, words = _RESERVES.take(kinds, axis=0), raw.view("<u8")
         is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
@@ -372,7 +373,7 @@ def judged(data: Codes, segments: Division) -> tuple[Array, Bools, Bools]:
 
 def frame_faults(raw: Codes) -> Array:
     """The faults of framed bytes, shape (frames, 10); those of legal ones have another reading."""
-    kinds = kinds_of(raw)
+    kinds = kind_of(raw[:, 0], raw[:, CMD_OFFSET])
     known = np.minimum(kinds, NO_KIND - 1)
     is_illegal = ~LEGAL[known[:, None], _OFFSETS, raw]
     found = np.bitwise_or.reduce(np.where(is_illegal, _FIELD_FAULTS[known], 0), axis=1)

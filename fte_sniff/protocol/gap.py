@@ -29,10 +29,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints
+from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints, kind_of
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
-    FTE_FORMAT,
     HEADER_BYTES,
     HEADERS,
     KINDS,
@@ -81,7 +80,7 @@ _PAYLOAD = _distribution(
 
 def _byte_scores(kind: FrameKind) -> Iterator[Array]:
     defaults = {field.start: field.default for field in kind.fields}
-    for offset, legal in enumerate(FTE_FORMAT.legal_bytes(kind)):
+    for offset, legal in enumerate(kind.legal_bytes()):
         default = defaults.get(offset)
         if legal is None and default is None:
             yield _distribution({0: 0.5}) if offset == NUM_OFFSET else _PAYLOAD
@@ -104,8 +103,6 @@ _SCORES: Final = np.zeros((len(KINDS) + 1, FRAME_LENGTH, 256), np.float32)
 """By kind, offset and byte; 0 for an illegal byte, and for `NO_KIND`."""
 _SCORES[:-1] = [list(_byte_scores(kind)) for kind in KINDS]
 LEGAL: Final = _SCORES[:-1] > 0
-KIND_OF: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
-"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
 _SHARES: Final = np.array([*map(_share, KINDS), 0], np.float32)
 _IS_FEEDBACK: Final = np.array([kind.direction is Direction.FEEDBACK for kind in KINDS])
 _OF_DIRECTION: Final = _SHARES[:-1] * (np.arange(2)[:, None] == _IS_FEEDBACK)
@@ -265,7 +262,7 @@ def _prefixes(block: Array, start: Ints, column: Ints) -> tuple[Array, Codes]:
     flat, at = block.reshape(-1), start * count + column
     found = np.empty((FRAME_LENGTH, len(start)), np.float32)
     second = flat.take(at + count, mode="clip")
-    kinds = KIND_OF.take(flat.take(at).astype(np.uint16) << np.uint16(8) | second)
+    kinds = kind_of(flat.take(at), second)
     kinds[start + 1 >= width] = NO_KIND
     found[0] = _SHARES.take(kinds) * 256
     for offset in range(1, FRAME_LENGTH):

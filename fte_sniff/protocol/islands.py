@@ -29,8 +29,8 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fte_sniff.protocol.gap import IS_HEADER, KIND_OF, LEGAL, LONGEST, Divided, Gaps, divide
-from fte_sniff.protocol.rows import NO_KIND, Array, Codes, Ints
+from fte_sniff.protocol.gap import IS_HEADER, LEGAL, LONGEST, Divided, Gaps, divide
+from fte_sniff.protocol.rows import NO_KIND, Array, Codes, Ints, kind_of
 from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, KINDS, TAIL
 
 CERTAIN: Final = 0.9995
@@ -54,19 +54,12 @@ _LIMITED: Final = [
 """The offsets of a frame with illegal bytes, and by kind * 256 + byte whether it is legal."""
 
 
-def kinds_of(raw: Array) -> Codes:
-    """By frame, of which the first two bytes are read: the index in `KINDS`, or `NO_KIND`."""
-    found: Codes = KIND_OF.take(raw[:, 0].astype(np.uint16) << np.uint16(8) | raw[:, CMD_OFFSET])
-    return found
-
-
 def strict_frames(data: Codes) -> Ints:
     """The offsets at which a complete frame begins that is legal at every byte."""
     if len(data) < FRAME_LENGTH:
         return np.empty(0, np.int64)
     found: Ints = np.flatnonzero(data[FRAME_LENGTH - 1 :] == TAIL)
-    heads = data.take(found).astype(np.uint16) << np.uint16(8) | data.take(found + CMD_OFFSET)
-    kinds = KIND_OF.take(heads)
+    kinds = kind_of(data.take(found), data.take(found + CMD_OFFSET))
     is_strict = kinds != NO_KIND
     found, kinds = found[is_strict], kinds[is_strict].astype(np.uint16) << np.uint16(8)
     is_strict = np.ones(len(found), np.bool_)

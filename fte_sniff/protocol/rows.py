@@ -25,7 +25,6 @@ from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
     FRAME_LENGTH,
-    FTE_FORMAT,
     HEADERS,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
@@ -57,6 +56,11 @@ NO_FACT: Final = -1
 
 NO_KIND: Final = len(KINDS)
 """The kind code of a row without a kind."""
+
+KIND_OF: Final = np.full(1 << 16, NO_KIND, np.uint8)
+"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
+for (_header, _cmd), _kind in KIND_BY_HEADER_AND_CMD.items():
+    KIND_OF[_header << 8 | _cmd] = KINDS.index(_kind)
 
 NO_DIRECTION: Final = len(Direction)
 """The direction code of a row without a direction."""
@@ -95,6 +99,12 @@ def fault_bits(faults: Iterable[Fault]) -> int:
 def faults_in(bits: int) -> tuple[Fault, ...]:
     """The faults of a value of the column `faults`, in the order of `Fault`."""
     return tuple(fault for fault, bit in _BITS.items() if bits & bit)
+
+
+def kind_of(headers: Codes, cmds: Codes) -> Codes:
+    """The index in `KINDS` that each header and CMD name, or `NO_KIND`."""
+    found: Codes = KIND_OF.take(headers.astype(np.uint16) << np.uint16(8) | cmds)
+    return found
 
 
 MALFORMED_BITS: Final = fault_bits(fault for fault in Fault if fault not in SUSPECT_FAULTS)
@@ -362,8 +372,7 @@ class Rows(Sequence[Row]):
     @cached_property
     def kinds(self) -> Codes:
         """The index in `KINDS` of each row's kind, `NO_KIND` without one."""
-        heads = self.raw[:, 0].astype(np.uint16) << np.uint16(8) | self.raw[:, CMD_OFFSET]
-        kinds: Codes = _KIND_OF.take(heads)
+        kinds = kind_of(self.raw[:, 0], self.raw[:, CMD_OFFSET])
         kinds[~self.framed] = NO_KIND
         return kinds
 
@@ -428,9 +437,6 @@ _ROWS_AT_ONCE: Final = 4096
 def _known(value: int, missing: int = NO_FACT) -> int | None:
     return None if value == missing else value
 
-
-_KIND_OF: Final = np.frombuffer(FTE_FORMAT.kind_codes(NO_KIND), np.uint8)
-"""By header * 256 + CMD: the index in `KINDS`, or `NO_KIND`."""
 
 _DIRECTION_OF: Final = np.full(256, NO_DIRECTION, np.uint8)
 """By header: the index in `Direction`, or `NO_DIRECTION`."""

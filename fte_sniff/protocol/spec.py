@@ -250,6 +250,23 @@ class FrameKind:
         """The main value: the last field with a unit, a speed or a position; None without one."""
         return next((field.name for field in reversed(self.fields) if field.unit), None)
 
+    def legal_bytes(self, open_reserve: int | None = None) -> list[bytes | None]:
+        """For each offset the legal bytes; None where every byte is legal.
+
+        `open_reserve` is the byte that a line is known to have in the open reserve, if any. Fields
+        of several bytes have no illegal values, so bytes can be judged one by one.
+        """
+        legal: list[bytes | None] = [None] * FRAME_LENGTH
+        legal[0], legal[-1] = bytes([self.header]), bytes([TAIL])
+        legal[CMD_OFFSET] = bytes(self.cmds)
+        byte = open_reserve if self.reserve is None else self.reserve
+        if byte is not None:
+            legal[self.reserved.start : self.reserved.stop] = [bytes([byte])] * len(self.reserved)
+        for field in self.fields:
+            if field.fault:
+                legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
+        return legal
+
     def raised(self, raw: bytes) -> bool:
         """Whether a bit field of a frame's bytes differs from its default."""
         return any(field.raised(field.read(raw)) for field in self.fields)
@@ -400,52 +417,6 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
             raise ValueRangeError(f"{kind.name} needs {field.name} ({field.range_text})")
         raw[field.start : field.start + field.size] = field.to_bytes(value)
     return bytes(raw)
-
-
-@dataclass(frozen=True, slots=True)
-class FrameFormat:
-    """A format of fixed-length frames: header byte, CMD, NUM, payload, tail byte."""
-
-    length: int
-    """Bytes in every frame."""
-    headers: Mapping[Direction, int]
-    tail: int
-    kinds: tuple[FrameKind, ...]
-
-    def header(self, kind: FrameKind) -> int:
-        """The header byte of a kind."""
-        return self.headers[kind.direction]
-
-    def legal_bytes(
-        self, kind: FrameKind, reserve: Mapping[int, int] = MappingProxyType({})
-    ) -> list[bytes | None]:
-        """For each offset in a frame of `kind` the legal bytes; None where every byte is legal.
-
-        `reserve` are the constants that a line is known to have in the open reserve, by offset
-        (docs/reference/protocol.md, "What the document leaves open"). Fields of several bytes have
-        no illegal values, so bytes can be judged one by one.
-        """
-        legal: list[bytes | None] = [None] * self.length
-        legal[0], legal[-1] = bytes([self.header(kind)]), bytes([self.tail])
-        legal[CMD_OFFSET] = bytes(kind.cmds)
-        for offset in kind.reserved:
-            byte = reserve.get(offset) if kind.reserve is None else kind.reserve
-            legal[offset] = None if byte is None else bytes([byte])
-        for field in kind.fields:
-            if field.fault:
-                legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))
-        return legal
-
-    def kind_codes(self, no_kind: int) -> bytes:
-        """By header * 256 + CMD: the index in `kinds`; `no_kind` if they name none."""
-        codes = bytearray([no_kind]) * (1 << 16)
-        for code, kind in enumerate(self.kinds):
-            for cmd in kind.cmds:
-                codes[self.header(kind) << 8 | cmd] = code
-        return bytes(codes)
-
-
-FTE_FORMAT = FrameFormat(FRAME_LENGTH, HEADERS, TAIL, KINDS)
 
 
 def _value_fields() -> tuple[Field, ...]:

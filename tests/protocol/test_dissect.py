@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import HEADERS, KINDS, TAIL, Chunk, Fault, FrameKind, Framer, Row, encode
-from fte_sniff.protocol.dissect import ExplainedField, dissect, explain, ranges_text
-from fte_sniff.protocol.spec import FTE_FORMAT
+from fte_sniff.protocol import HEADERS, TAIL, Chunk, Fault, Framer, Row
+from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from tests.protocol.streams import rows_of
 from tests.support.faults import damaged_stream, frame_faults
 
@@ -70,10 +67,10 @@ def test_a_position_frame_field_by_field() -> None:
         (
             "AA 01 02 03 E8 00 00 00 00 EF",
             Fault.BAD_TAIL,
-            ["CMD: speed", "motor (driver) number", "target speed", "reserve", "tail"],
+            ["CMD", "motor (driver) number", "target speed", "reserve", "tail"],
         ),
-        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "NUM", "not decoded", "tail"]),
-        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "NUM", "not decoded", "tail"]),
+        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "NUM", "payload", "tail"]),
+        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "NUM", "payload", "tail"]),
     ],
 )
 def test_a_frame_with_one_wrong_end_is_explained_as_far_as_it_is_known(
@@ -188,35 +185,6 @@ def test_missing_and_extra_bytes_are_located() -> None:
     extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
     assert extra.raw == b"\x12\x34"
     assert "2 bytes too many" in extra.meaning
-
-
-@pytest.mark.parametrize("offset", range(2, 9))
-@pytest.mark.parametrize("kind", KINDS, ids=[kind.name for kind in KINDS])
-def test_truncated_frame_names_the_byte_that_would_continue_it(
-    kind: FrameKind, offset: int
-) -> None:
-    whole = encode(kind, {one.name: 1 for one in kind.fields if one.legal_bits is None})
-    legal = FTE_FORMAT.legal_bytes(kind, dict.fromkeys(kind.open_reserve, 0))[offset]
-    note = named(damage(whole[:offset].hex(), Fault.TRUNCATED), "missing").note
-    if legal is None:
-        assert note == ""
-    else:
-        is_reserve = offset in kind.open_reserve
-        what = "is reserve: " if is_reserve else f"must be {ranges_text(legal)}: "
-        assert note.startswith(f"DATA[{offset}] {what}")
-
-
-@pytest.mark.parametrize(
-    ("numbers", "text"),
-    [
-        ([0], "00"),
-        ([1, 3], "01 or 03"),
-        (range(1, 5), "01-04"),
-        ([0, 1, 2, 8, 10, 11], "00-02 or 08 or 0A-0B"),
-    ],
-)
-def test_ranges_of_bytes_have_a_text(numbers: Iterable[int], text: str) -> None:
-    assert ranges_text(bytes(numbers)) == text
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]), st.booleans())

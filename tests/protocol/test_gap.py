@@ -16,7 +16,6 @@ from fte_sniff.protocol.gap import INTACT, LONGEST, Gaps, divide
 from fte_sniff.protocol.islands import is_start, strict_frames
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
-    FTE_FORMAT,
     HEADER_BYTES,
     KINDS,
     TAIL,
@@ -140,7 +139,7 @@ def test_segments_are_those_of_the_slow_division(parts: list[tuple[bytes, bool, 
 
 @given(raw_bytes)
 def test_strict_frames_are_legal_at_every_byte(data: bytes) -> None:
-    legal = [FTE_FORMAT.legal_bytes(kind) for kind in KINDS]
+    legal = [kind.legal_bytes() for kind in KINDS]
     expected = [
         at
         for at in range(len(data) - FRAME_LENGTH + 1)

@@ -16,7 +16,6 @@ from fte_sniff.protocol import (
     FrameKind,
     encode,
 )
-from fte_sniff.protocol.spec import FTE_FORMAT
 from tests.protocol.document import EXAMPLES, Example
 from tests.protocol.streams import rows_of
 from tests.support.faults import frame_faults
@@ -125,7 +124,7 @@ def ranged(size: int, low: int, high: int, fault: Fault | None) -> Field:
 def test_the_legal_bytes_of_a_field_are_those_of_its_range() -> None:
     level = ranged(1, 0, 9, Fault.UNDEFINED_FLAGS)
     kind = FrameKind("level", Direction.CONTROL, (0x10,), (level,), range(4, 9), "a level")
-    legal = FTE_FORMAT.legal_bytes(kind)
+    legal = kind.legal_bytes()
     assert legal[3] == bytes(range(10))
 
 
@@ -149,7 +148,7 @@ def test_a_field_that_the_framer_could_not_judge_byte_by_byte_is_refused(
 def test_a_byte_is_legal_exactly_where_it_brings_no_fault(
     kind: FrameKind, data: st.DataObject
 ) -> None:
-    legal = FTE_FORMAT.legal_bytes(kind, dict.fromkeys(kind.open_reserve, 0))
+    legal = kind.legal_bytes(open_reserve=0)
     raw = bytearray(0 if fitting is None else fitting[0] for fitting in legal)
     offset = data.draw(st.integers(2, len(raw) - 2))
     raw[offset] = data.draw(st.integers(0, 255))
