@@ -149,11 +149,8 @@ class Recorder:
         """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
         self._deleted_files = self._deleted_rows = 0
-        free = self._free_bytes()
-        least = min(DEFAULT_FREE_BYTES, (free or 0) // 2)
-        self._min_free = (
-            least if self._options.min_free_bytes is None else self._options.min_free_bytes
-        )
+        wanted, free = self._options.min_free_bytes, self._free_bytes() or 0
+        self._min_free = min(DEFAULT_FREE_BYTES, free // 2) if wanted is None else wanted
         first = self._first_path()
         if limit := self._limit_reached():
             raise FileError(
@@ -162,7 +159,7 @@ class Recorder:
                 limit=limit,
             )
         self._writer: RecordingWriter | None = None
-        self._writer = writer = self._open(first, existing, self._facts_of_part())
+        self._writer = writer = RecordingWriter(first, ports, self._facts_of(1), existing=existing)
         self.path = writer.path
         """The current file, or the last one."""
         if not self._options.rotates:
@@ -281,12 +278,10 @@ class Recorder:
     def _name(self, number: int) -> Path:
         return self._base.with_stem(f"{self._base.stem}_{number:05}")
 
-    def _facts_of_part(self, previous: str = "") -> dict[str, str]:
-        own = {"part": str(self._part)} if previous or self._options.rotates else {}
-        return self._facts | own | ({"previous": previous} if previous else {})
-
-    def _open(self, path: Path, existing: Existing, facts: dict[str, str]) -> RecordingWriter:
-        return RecordingWriter(path, self._ports, facts, existing=existing)
+    def _facts_of(self, part: int) -> dict[str, str]:
+        """The metadata of a file of the capture, by its number."""
+        own = {"part": str(part)} if part > 1 or self._options.rotates else {}
+        return self._facts | own | ({"previous": self.path.name} if part > 1 else {})
 
     def _next(self) -> RecordingWriter:
         """The next file; raises FileError."""
@@ -296,15 +291,10 @@ class Recorder:
             for number in count(self._number + 1)
             if replaces or not os.path.lexists(self._name(number))
         )
-        self._part += 1
         existing = Existing.REPLACE if replaces else Existing.REFUSE
-        facts = self._facts_of_part(self.path.name)
-        try:
-            writer = self._open(self._name(number), existing, facts)
-        except FileError:
-            self._part -= 1
-            raise
-        self._number = number
+        facts = self._facts_of(self._part + 1)
+        writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
+        self._number, self._part = number, self._part + 1
         return writer
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:

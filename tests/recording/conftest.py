@@ -4,38 +4,20 @@ import os
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
-from fte_sniff.protocol import KINDS, Fault, PortEvent, Row, Rows, encode
+from fte_sniff.protocol import PortEvent, Row, Rows
+from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
-
-START = 1_770_000_000_000_000_000
-STEP = 868_000
+from tests.recording import samples
+from tests.recording.samples import START
 
 
 def some_rows(count: int = 60, port: str = "/dev/ttyUSB0", start: int = START) -> list[Row]:
     """Rows that tile a stream: every kind, motor and topic, suspect frames and damage too."""
-    rows: list[Row] = []
-    offset = 0
-    for number in range(count):
-        row = _row(number, port, offset, start + number * STEP)
-        offset += len(row.raw)
-        rows.append(row)
-    return rows
-
-
-def _row(number: int, port: str, offset: int, t_ns: int) -> Row:
-    if number % 11 == 10:
-        return Row(port, offset, bytes(range(number % 16 + 1)), t_ns, (Fault.NOISE,), False, number)
-    kind = KINDS[number % len(KINDS)]
-    given = {"motor": number // len(KINDS) % 4 + 1, "error": 0, "online": 15}
-    values = {field.name: given.get(field.name, number % 30_000 - 30) for field in kind.fields}
-    raw = bytearray(encode(kind, values))
-    if number % 13 == 12:
-        raw[1] = 0x77
-        return Row(port, offset, bytes(raw), t_ns, (Fault.UNKNOWN_CMD,), True, number)
-    faults = (Fault.AMBIGUOUS, Fault.LINE_ERROR) if number % 17 == 16 else ()
-    return Row(port, offset, bytes(raw), t_ns, faults, True, number)
+    rows = samples.some_rows(count, [PortFacts(port)])
+    return [replace(row, t_ns=(row.t_ns or 0) + start - START) for row in rows]
 
 
 def entries_in(path: Path) -> list[Row | PortEvent]:
