@@ -234,7 +234,7 @@ print(sum(len(batch.rows) for batch in Recording(Path(sys.argv[1])).batches()))
 def memory(rows: int, folder: Path) -> None:
     """The most memory that reading and decoding took, for a twentieth of the rows and for all."""
     path = folder / "memory.mcap"
-    decode = ["-m", "fte_sniff", "decode", str(path), "--format=csv", "-o", "/dev/null"]
+    decode = ["-m", "fte_sniff", "decode", str(path), "--format=csv"]
     for count in (rows // 20, rows):
         path.unlink(missing_ok=True)
         write_recording(path, PORTS, batches(count))
