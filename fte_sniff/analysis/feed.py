@@ -18,7 +18,7 @@ class FeedState:
     """State of the source of the rows, as of one poll."""
 
     title: str
-    """The names of the ports or of the file; text from outside, so show it, never obey it."""
+    """The names of the ports or of the file; text from outside, so it is only shown."""
     recording: str | None = None
     """The path of the file that is being written; None where nothing is recorded."""
     running: bool = True

@@ -424,7 +424,7 @@ class Report:
             if count
         ]
         if counts:
-            text = "too few, or too even over time, for a finding: {counts}"
+            text = "counted, but not concentrated at any time: {counts}"
             yield TranslatableText(text, counts=listed(counts))
 
 

@@ -137,7 +137,7 @@ def duration_ns(text: str) -> int | None:
 
 
 def day_of(text: str) -> date:
-    """The day that `--date` names; raises InputTextError if it is none."""
+    """The day that `--date` names; raises InputTextError for other texts."""
     try:
         day = date.fromisoformat(text.strip())
     except ValueError:

@@ -281,10 +281,10 @@ def _stream_name(stream: Json) -> str:
 
 
 def _motors(numbers: Json) -> TextTable:
-    heads = ["commands", "feedback", "answered", "unanswered", "neither"]
-    table = TextTable([MOTOR, *heads, "delay", "99 %", "longest"])
+    names = ["commands", "feedback", "answered", "unanswered", "neither"]
+    table = TextTable([MOTOR, *names[:-1], "unknown", "delay", "99 %", "longest"])
     for one in numbers["motors"]:
-        counts = (UNKNOWN if one[name] is None else f"{one[name]:,}" for name in heads)
+        counts = (UNKNOWN if one[name] is None else f"{one[name]:,}" for name in names)
         spans = (_span(one["delay"][name]) for name in ("p50_s", "p99_s", "longest_s"))
         table.append([str(one[MOTOR]), *counts, *spans])
     return table
@@ -298,7 +298,7 @@ def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
     elif motors[0]["neither"] is None:
         yield Text("the inputs overlap in time: answers cannot be matched to commands")
     elif any(one["neither"] for one in motors):
-        yield Text("neither: resets; commands before the first feedback, or open where rows end")
+        yield Text("unknown: resets; commands before the first feedback, or open where rows end")
     if not any(one["feedback"] for one in motors):
         return
     warnings = [text for one in motors for text in _flags(one, when)]

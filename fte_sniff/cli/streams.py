@@ -157,7 +157,7 @@ def abandon_blocked() -> None:
     if _blocked(stdout):
         abandon(stdout)
         with suppress(OSError):
-            os.write(stderr, b"nobody takes the output; the rest of it is not printed\n")
+            os.write(stderr, b"nothing reads the output; the rest of it is not printed\n")
 
 
 def _blocked(descriptor: int) -> bool:

@@ -606,7 +606,7 @@ class Log:
                 break
         self._blocks = chain(seen, self._blocks)
         if not any(map(str.strip, lines)):
-            raise FileError(f"{self.name}: is empty; there is nothing to decode")
+            raise FileError(f"{self.name} is empty; there is nothing to read")
         if found is not None:
             self._evidence = found[0]
             if found[0].frames * FRAME_LENGTH <= _LEAST_SHARE * found[0].size:

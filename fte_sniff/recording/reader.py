@@ -494,7 +494,7 @@ class Recording:
         """Raise FileError unless the file begins as an MCAP file, or has chunks."""
         start = file.read(len(MAGIC))
         if not start:
-            raise FileError("{path} is empty: nothing was recorded into it", path=self.path)
+            raise FileError("{path} is empty; there is nothing to read", path=self.path)
         if start != MAGIC and not walk(file).chunks:
             raise FileError(
                 "{path} is not an MCAP recording; make one of a log: "

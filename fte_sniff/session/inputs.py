@@ -177,7 +177,7 @@ class Input:
     count: int | None = None
     """Number of rows, about; None if it is unknown before reading."""
     part: Part | None = None
-    """Which file of a capture it is; None if it is none."""
+    """Which file of a capture it is; None if it has no number."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Facts except those of the ports, such as the host and the clock."""
     selections: Sequence[Selection] = ()
@@ -187,7 +187,7 @@ class Input:
 
 
 def size_of(path: Path) -> int | None:
-    """The bytes of a regular file; None if it is none."""
+    """The bytes of a regular file; None for other files."""
     try:
         found = path.stat()
     except OSError:
@@ -311,7 +311,7 @@ def chunk_input(
             has_frames = has_frames or bool(rows.framed.any())
             yield rows
         if is_empty:
-            raise FileError(f"{name}: is empty; there is nothing to decode")
+            raise FileError(f"{name} is empty; there is nothing to read")
         if not has_frames:
             raise FileError(
                 f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"

@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 
 from fte_sniff.analysis.store import Matches
 from fte_sniff.analysis.time_text import clock_time, duration_ns, time_ns
-from fte_sniff.errors import InputTextError
+from fte_sniff.errors import InputTextError, shortened
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import Bools, Row, Rows
@@ -54,8 +54,9 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         raise InputTextError(_("{text} has no unit; write {text}s, {text}ms, {text}us", text=text))
     raise InputTextError(
         _(
-            "no such place; write a row (1200), 50%, a time (12:00:03.5, 20:00+08:00),"
-            " a distance (+2s, -50ms) or a byte (@8190)"
+            "{text} is not a row (1200), a share (50%), a time (12:00:03.5, 20:00+08:00),"
+            " a distance (+2s, -50ms) or a byte (@8190)",
+            text=shortened(text),
         )
     )
 

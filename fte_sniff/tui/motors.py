@@ -245,12 +245,16 @@ def _reading(reading: Reading | None, drawing: _Drawing) -> Text:
 
 def _answers(state: MotorState, width: int, palette: Palette) -> Text:
     asked = state.answered + state.unanswered
-    text = _(
-        "{rate} commands, last 10 s: {unanswered:,} of {all:,} unanswered",
-        rate=rate_text(state.commands_per_s),
-        unanswered=state.unanswered,
-        all=asked,
-    )
+    rate = rate_text(state.commands_per_s)
+    if asked and not state.unanswered:
+        text = _("{rate} commands, last 10 s: all {all:,} answered", rate=rate, all=asked)
+    else:
+        text = _(
+            "{rate} commands, last 10 s: {unanswered:,} of {all:,} unanswered",
+            rate=rate,
+            unanswered=state.unanswered,
+            all=asked,
+        )
     times = f", p50 {span_text(state.delay_p50_ns)}, p99 {span_text(state.delay_p99_ns)}"
     style = palette.statuses[Status.MALFORMED] if state.unanswered else PLAIN
     return Text(first_fitting((text + times, text), width), style)

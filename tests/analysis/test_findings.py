@@ -330,7 +330,7 @@ def test_what_rows_cannot_show_is_named(rows: list[Row], causes: int, why: str) 
 def test_coverage_counts_what_is_no_finding() -> None:
     found = report(recording(np.random.default_rng(5), 300, None)).coverage()
     assert found[0].startswith("no findings in ")
-    assert found[1].startswith("too few, or too even over time, for a finding: malformed rows ")
+    assert found[1].startswith("counted, but not concentrated at any time: malformed rows ")
 
 
 @given(st.lists(st.integers(0, 3), max_size=60), st.integers(0, 60))

@@ -134,7 +134,7 @@ def test_an_output_that_nobody_reads_does_not_hold_up_the_end(
         process.terminate()
         assert process.wait(BOUND_S) == 0
         _, _, errors = ended(process)
-    assert "nobody takes the output" in errors
+    assert "nothing reads the output" in errors
     assert "recorded to x.mcap" in errors
     done = run("decode", "x.mcap")
     assert done.returncode == 0

@@ -91,7 +91,7 @@ def test_go_to_a_row(feed: ListFeed, goal: str, cursor: int) -> None:
         ("13:00", "is after the last row (12:00:00.008)"),
         ("11:00", "is before the first row"),
         ("@99999", "no row that is shown has byte 99,999"),
-        ("soon", "no such place; write a row (1200), 50%"),
+        ("soon", "soon is not a row (1200), a share (50%)"),
         ("+5", "+5 has no unit; write +5s"),
     ],
 )
