@@ -135,28 +135,24 @@ _RESERVES: Final = _reserves()
 _HAS_RESERVE: Final[Bools] = np.any(_RESERVES, axis=1)
 
 
-class _ReserveCheck:
-    """Finds frames whose reserve is not 00 although it is 00 on the rest of the line."""
+def unusual_reserves(raw: Codes, is_frame: Bools, zeros: int) -> tuple[Bools, int]:
+    """Find frames whose reserve is not 00 although it is 00 on the rest of the line.
 
-    def __init__(self) -> None:
-        self._zeros = 0
-
-    def unusual(self, raw: Codes, is_frame: Bools) -> Bools:
-        """Which rows, in stream order, are such frames."""
-        found = np.zeros(len(raw), np.bool_)
-        kinds = kind_of(raw[:, 0], raw[:, CMD_OFFSET])
-        with_reserve = is_frame & _HAS_RESERVE.take(kinds)
-        masks, words = _RESERVES.take(kinds, axis=0), raw.view("<u8")
-        is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
-        at = np.flatnonzero(with_reserve)
-        if not len(at):
-            return found
-        numbers = np.arange(len(at))
-        last_set = np.maximum.accumulate(np.where(is_set[at], numbers, -1 - self._zeros))
-        before = np.append(-1 - self._zeros, last_set[:-1])
-        found[at] = is_set[at] & (numbers - 1 - before >= KNOWN)
-        self._zeros = min(int(numbers[-1] - last_set[-1]), KNOWN)
-        return found
+    `raw` are rows in stream order; `zeros` is the number of frames in a row with 00 before them.
+    Returns which rows are such frames, and that number after them.
+    """
+    found = np.zeros(len(raw), np.bool_)
+    kinds = kind_of(raw[:, 0], raw[:, CMD_OFFSET])
+    masks, words = _RESERVES.take(kinds, axis=0), raw.view("<u8")
+    is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
+    at = np.flatnonzero(is_frame & _HAS_RESERVE.take(kinds))
+    if not len(at):
+        return found, zeros
+    numbers = np.arange(len(at))
+    last_set = np.maximum.accumulate(np.where(is_set[at], numbers, -1 - zeros))
+    before = np.append(-1 - zeros, last_set[:-1])
+    found[at] = is_set[at] & (numbers - 1 - before >= KNOWN)
+    return found, min(int(numbers[-1] - last_set[-1]), KNOWN)
 
 
 class Framer:
@@ -169,7 +165,8 @@ class Framer:
         """
         self._ports = (port,)
         self._times = _Times(byte_time_ns(baud))
-        self._reserve = _ReserveCheck()
+        self._zeros = 0
+        """Frames in a row with 00 in the reserve, up to now."""
         self._chunks: list[bytes] = []
         """The bytes that were pushed since the last drain."""
         self._data = b""
@@ -231,7 +228,7 @@ class Framer:
     def restart(self) -> Rows:
         """Finish, and start a new stream whose offsets and times continue."""
         rows = self.finish()
-        self._reserve = _ReserveCheck()
+        self._zeros = 0
         return rows
 
     def drain(self) -> Rows:
@@ -288,7 +285,8 @@ class Framer:
     def _as_rows(self, offset: Ints, length: Ints, faults: Array, framed: Bools) -> Rows:
         """The rows at these offsets in the data."""
         raw = _bytes_of(self._data, offset, length)
-        faults[self._reserve.unusual(raw, framed & (faults == 0))] |= _RESERVED
+        unusual, self._zeros = unusual_reserves(raw, framed & (faults == 0), self._zeros)
+        faults[unusual] |= _RESERVED
         offset = offset + self._base
         for start, stop in self._errors:
             low, high = np.searchsorted(offset, (start, stop)).tolist()

@@ -31,7 +31,7 @@ import numpy as np
 
 from fte_sniff.protocol.gap import IS_HEADER, LEGAL, LONGEST, Divided, Gaps, divide
 from fte_sniff.protocol.rows import NO_KIND, Array, Codes, Ints, kind_of
-from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, KINDS, TAIL
+from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL
 
 CERTAIN: Final = 0.9995
 """A frame in a gap that is less probable is `ambiguous`."""
@@ -69,17 +69,10 @@ def strict_frames(data: Codes) -> Ints:
     return strict
 
 
-_LEGAL_SETS: Final = [
-    [frozenset(np.flatnonzero(legal).tolist()) for legal in LEGAL[code]]
-    for code in range(len(KINDS))
-]
-
-
 def is_start(raw: bytes) -> bool:
     """Whether these bytes, fewer than a frame has, can be the first ones of a strict frame."""
-    return any(
-        all(byte in legal for byte, legal in zip(raw, sets, strict=False)) for sets in _LEGAL_SETS
-    )
+    own = np.frombuffer(raw, np.uint8)
+    return bool(LEGAL[:, np.arange(len(own)), own].all(axis=1).any())
 
 
 class Wall(NamedTuple):

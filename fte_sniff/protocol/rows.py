@@ -402,10 +402,6 @@ class Rows(Sequence[Row]):
         name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
         return field_of(self.raw[rows], self.kinds[rows], name)[0].astype(np.int64)
 
-    def value(self, name: str, row: int) -> int:
-        """One field of the row at an index, which must have it."""
-        return int(self.values(name, np.array([row]))[0])
-
     @property
     def payloads(self) -> Ints:
         """The bytes between NUM and tail of each row as a number, most significant first."""
