@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from fte_sniff.errors import ValueRangeError
 from fte_sniff.protocol.framer import KNOWN, Framer
 from fte_sniff.protocol.items import Chunk
-from fte_sniff.protocol.rows import MOST_BYTES, Row, Rows
+from fte_sniff.protocol.rows import MOST_BYTES, Row
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -208,11 +208,6 @@ def test_the_undecidable_stream_is_ambiguous() -> None:
     rows = rows_of(UNDECIDABLE * 30)
     assert [row.raw for row in rows] == [UNDECIDABLE] * 30
     assert {row.faults for row in rows[1:]} == {(Fault.AMBIGUOUS,)}
-
-
-def test_no_frame_of_the_undecidable_stream_is_certain_where_its_start_is_not_known() -> None:
-    for cut in (2, 3, 7):
-        assert () not in {row.faults for row in rows_of((UNDECIDABLE * 30)[cut:])[:-1]}
 
 
 def test_silence_decides_the_undecidable_stream() -> None:
@@ -511,17 +506,6 @@ def test_few_bytes_wait() -> None:
             assert size - given <= 160
 
 
-def test_a_truncated_frame_does_not_join_the_bytes_after_a_restart() -> None:
-    framer = Framer("p")
-    framer.push(Chunk("p", 100 * MS, FRAME * 5 + FRAME[:6]))
-    before = list(framer.restart())
-    assert [(row.raw, row.faults) for row in before[-2:]] == [
-        (FRAME, ()), (FRAME[:6], (Fault.TRUNCATED,))
-    ]  # fmt: skip
-    framer.push(Chunk("p", 101 * MS, FRAME[6:] + FRAME * 3))
-    assert [row.raw for row in framer.finish()] == [FRAME[6:], *[FRAME] * 3]
-
-
 pieces = [FRAME, FRAME[:4], FRAME[4:], b"\xaa", b"\xee", b"\x00\x17", b"\x55\x01"]
 restarted_streams = st.lists(st.sampled_from(pieces)).map(b"".join)
 
@@ -636,12 +620,3 @@ def test_frames_with_any_reserve_are_found(reserve: str, payload: str) -> None:
         assert judged.found_share >= (0.9995 if share else 1.0)
         assert judged.invented_ok == 0
         assert judged.doubted_share <= 0.03
-
-
-def test_rows_are_columns_of_one_port() -> None:
-    framer = Framer("電機", 9600)
-    framer.push(Chunk("電機", START, FRAME * 3))
-    rows = framer.finish()
-    assert isinstance(rows, Rows)
-    assert rows.used_ports == ["電機"]
-    assert not len(framer.drain())
