@@ -10,9 +10,10 @@
     not motor=2
     ```
 
-`$` is the command, in a folder with the samples and `rows.raw`, 1,000 speed commands whose RPM is
-their number; `size 120x40` sets another size than 80x24. `>`
-presses keys at once, as typed ahead: their names in Textual, `3*down`, and 'text' that is typed.
+`first` is a command that runs before; `$` is that of the screen, in a folder with the samples and
+`rows.raw`, 1,000 speed commands whose RPM is their number; `size 120x40` sets another size than
+80x24. `>` presses keys at once, as typed ahead: their names in Textual, `3*down`, and 'text' that is
+typed.
 `see` waits until texts are on the screen, `not` until they are not; `send` writes hex bytes to the
 socket that the command opens as PORT, and `hang up` closes it.
 """
@@ -64,6 +65,7 @@ class Script:
 
     name: str
     command: str = ""
+    first: str = ""
     size: tuple[int, int] = (80, 24)
     steps: list[tuple[str, str]] = field(default_factory=list)
     needs: tuple[str, ...] = ()
@@ -80,6 +82,8 @@ def scripts_of(path: Path) -> Iterator[Script]:
             word, _, words = line.partition(" ")
             if word == "$":
                 script.command = words
+            elif word == "first":
+                script.first = words
             elif word == "size":
                 columns, lines = map(int, words.split("x"))
                 script.size = columns, lines
@@ -110,6 +114,7 @@ def play(script: Script, folder: Path, environment: Mapping[str, str]) -> None:
         stack.enter_context(_screens(script, peer, errors))
         terminal = stack.enter_context(_terminal())
         with streams([terminal.near] * 3), place(folder, environment):
+            assert not script.first or exit_code(shlex.split(script.first)[1:]) == 0
             code = exit_code(words)
     if errors:
         raise errors[0]

@@ -687,16 +687,22 @@ class InputReading:
         ports = [port.name for one in group.inputs for port in one.ports] if is_beside else [None]
         for port in dict.fromkeys(ports):
             begins.append(Gap(GapKind.OTHER_RECORDING, reason=_ANOTHER, port=port, port_lost=False))
+        selected = list[Gap]()
         for item in items:
+            if isinstance(item, Gap) and item.kind is GapKind.SELECTED and not has_begun:
+                selected.append(item)  # it is about the recording that begins
+                continue
             if isinstance(item, Rows) and len(item):
                 if not has_begun and self._ends.get(item.ports[item.port[0]]) != item.offset[0]:
                     yield from begins
+                yield from selected if not has_begun else ()
                 has_begun = True
                 for code in np.unique(item.port).tolist():
                     last = np.flatnonzero(item.port == code)[-1]
                     stop = int(item.offset[last]) + int(item.length[last])
                     self._ends[item.ports[code]] = stop
             yield item
+        yield from selected if not has_begun else ()
 
     def _chained(self, inputs: Sequence[Input]) -> Iterator[Item]:
         self.on_input(inputs[0].name)

@@ -73,6 +73,9 @@ SHARE: Final = 8
 FINDINGS_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings in a capture."""
 
+LEAST: Final = 9
+"""Lines of the terminal from which on the column names and the keys are shown."""
+
 BESIDE_CELLS: Final = 160
 """Cells from which on the pane can be beside the table."""
 
@@ -105,7 +108,7 @@ class SniffApp(App[None]):
         self.language = options.language
         self.theme = options.choices.theme or THEMES[0]
         self.animation_level = "none"
-        self.VERTICAL_BREAKPOINTS = [(0, "-tiny"), (LOW, "-low")]
+        self.VERTICAL_BREAKPOINTS = [(0, "-least"), (LEAST, "-tiny"), (LOW, "-low")]
         self.failure: FteSniffError | None = None
         self._options = options
         self.view = View(feed, options.line_setup, options.alert)
@@ -613,8 +616,7 @@ class SniffApp(App[None]):
             topic = (one.cause, one.port, one.motor)
             if one.cause is not Cause.PORT and topic not in self._reported:
                 when = span_of(one, self.table.look.shown_zone)
-                text = _("{when}: {text}; ! lists the findings", when=when, text=one.text)
-                self.status.warn(text, topic)
+                self.status.warn(f"{when}: {_(one.text)}", topic)
 
     # What is shown
 

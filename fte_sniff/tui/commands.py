@@ -123,7 +123,7 @@ UNDERSTAND: Final = (
     ),
     Command("M", "app.switch('motors')", "target and feedback of each motor", "Motors"),
     Command("T", "app.switch('streams')", "rates, answers and faults by kind and motor", "Streams"),
-    _rows("i", "app.switch('detail')", "what each byte means (also enter)", "Detail"),
+    _rows("i", "app.switch('detail')", "what each byte means (also enter)"),
     Command("enter", "app.open", "the rows of what is chosen, or what each byte means"),
     _rows("right_square_bracket", "app.field(1)", "look at the next field"),
     _rows("left_square_bracket", "app.field(-1)", "look at the previous field"),
@@ -138,7 +138,7 @@ UNDERSTAND: Final = (
     _pane("L", "app.beside", "the pane beside the table or below it, from 160 columns on"),
 )
 HANDLE: Final = (
-    Command("space,p", "table.pause", "freeze the view, never the capture", "Pause"),
+    Command("p,space", "table.pause", "freeze the view, never the capture", "Pause"),
     _rows("v", "app.select", "select rows from here to the cursor, for y, Y and w"),
     _rows("y", "export.copy_text", "copy the row decoded"),
     _rows("Y,c", "export.copy_hex", "copy the row's bytes as hex"),
@@ -177,12 +177,11 @@ IN_FOOTER: Final = [
     "e",
     "M",
     "T",
-    "i",
     "slash",
     "n",
     "F",
     "backspace",
-    "space,p",
+    "p,space",
     "G,end",
     "ctrl+s",
 ]

@@ -71,6 +71,7 @@ class DetailPage(Page):
     """The explanation of the cursor's row."""
 
     NAME = "detail"
+    SHORT: ClassVar[bool] = True
     EXPLAINS_ROW: ClassVar[bool] = True
 
     def titles(self, context: Context) -> Sequence[str]:

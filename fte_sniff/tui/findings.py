@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import tzinfo
+from typing import ClassVar
 
 from rich.style import Style
 from rich.text import Text
@@ -26,6 +27,7 @@ class FindingsPage(Page):
     """The findings about all rows so far."""
 
     NAME = "findings"
+    SHORT: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self.found: Sequence[Finding] = ()

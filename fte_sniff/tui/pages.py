@@ -64,6 +64,8 @@ class Page(ABC):
 
     NAME: ClassVar[str]
     """Name in the command of its key: `panes.switch('motors')`."""
+    SHORT: ClassVar[bool] = False
+    """Whether the pane is only as high as its text, so that the table keeps the rest."""
     EXPLAINS_ROW: ClassVar[bool] = False
     """Whether it is about the cursor's row, which then should not move away."""
 
@@ -108,7 +110,7 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
         """Show a page from its first line on, or close."""
         self.page = page
         self.display = self.can_focus = page is not None
-        self.set_class(page is not None and page.EXPLAINS_ROW, "-row")
+        self.set_class(page is not None and page.SHORT, "-short")
         self.scroll_home(animate=False)
 
     def draw(self, context: Context) -> None:
