@@ -12,8 +12,8 @@
 
 `first` is a command that runs before; `$` is that of the screen, in a folder with the samples and
 `rows.raw`, 1,000 speed commands whose RPM is their number; `size 120x40` sets another size than
-80x24. `>` presses keys at once, as typed ahead: their names in Textual, `3*down`, and 'text' that is
-typed.
+80x24. `>` presses keys at once, as typed ahead: their names in Textual, `3*down`, and 'text' that
+is typed.
 `see` waits until texts are on the screen, `not` until they are not; `send` writes hex bytes to the
 socket that the command opens as PORT, and `hang up` closes it.
 """
