@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import chain
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import click
@@ -39,7 +39,7 @@ EXIT_WRONG = 1
 def command(
     context: click.Context, port: str | None, baud: int, seconds: float, probe: bool, form: str
 ) -> None:
-    """Check the ports of this machine, and show how to fix what is wrong.
+    """Check the adapters of this machine, and show how to fix what is wrong.
 
     With PORT, that port is opened as `live` opens it, and listened to: what comes shows frames,
     damage, dead wires and other devices. Nothing is ever written. With --probe the port is set to
@@ -64,11 +64,11 @@ def command(
 
 def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Diagnosis]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor import check_adapters, check_all_ports, check_port
+    from fte_sniff.session.doctor import check_adapters, check_port
 
-    settings = PortSettings(baud)
-    own = check_all_ports() if port is None else check_port(port, settings, seconds, probe=probe)
-    return chain(check_adapters(), own)
+    yield from check_adapters()
+    if port is not None:
+        yield from check_port(port, PortSettings(baud), seconds, probe=probe)
 
 
 def _line(finding: Diagnosis) -> str:
@@ -77,10 +77,4 @@ def _line(finding: Diagnosis) -> str:
 
 
 def _json(finding: Diagnosis) -> str:
-    fields = {
-        "level": finding.level,
-        "about": finding.about,
-        "what": finding.what,
-        "fix": finding.fix,
-    }
-    return json_text(fields)
+    return json_text(asdict(finding))

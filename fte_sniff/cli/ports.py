@@ -62,7 +62,7 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
 def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
     from fte_sniff.capture.discovery import stray_adapters
     from fte_sniff.capture.port_errors import permission_fix
-    from fte_sniff.session.doctor import machine_kind, stray_finding
+    from fte_sniff.session.doctor import PLUG_IN, stray_finding
 
     for port in ports:
         if not port.permitted:
@@ -73,4 +73,4 @@ def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
         yield f"{finding.about}: {finding.what}: {finding.fix}"
     if not strays and all(port.vid is None for port in ports):
         what = "no USB adapter is" if ports else "no serial port is"
-        yield f"{what} plugged in ({machine_kind().value}); sim:// simulates one"
+        yield f"{what} plugged in ; {PLUG_IN}; sim:// simulates one"

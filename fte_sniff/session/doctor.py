@@ -1,37 +1,34 @@
-"""Checks of `doctor`: adapters, ports, their holders, the line of one port.
+"""Checks of `doctor`: adapters that are not ports, and the line of one port.
 
 Each check returns or yields a `Diagnosis`:
 
-    check_adapters   adapters that are not ports, and programs that open adapters
-    check_all_ports  every port, without opening it; runs when no PORT is given
+    check_adapters   adapters that are not ports, programs that open adapters, no port at all
     check_port       opens PORT, listens to it, judges its line
 
-Nothing is ever written to a port. Files of the system are read below `root`, so that tests can
-describe any machine.
+What the error of a port explains is not checked before: permission, and the program that has it
+open. Nothing is ever written to a port. Files of the system are read below `root`, so that tests
+can describe any machine.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from enum import Enum, StrEnum
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from shlex import quote
 from typing import Self
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diagnose
 from fte_sniff.capture.discovery import (
-    Holder,
-    PortListing,
     StrayAdapter,
     list_ports,
-    listing_of,
     stray_adapters,
     text_of,
 )
 from fte_sniff.capture.line_errors import LineErrors, counters_of
-from fte_sniff.capture.port_errors import one_line, permission_fix
+from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.serial_port import (
     USB_SERIAL,
     PortSettings,
@@ -86,23 +83,6 @@ def bad(about: str, what: str, fix: str) -> Diagnosis:
     return Diagnosis(Level.BAD, about, what, fix)
 
 
-# The runners
-
-
-def check_all_ports() -> Iterator[Diagnosis]:
-    """Check all ports without opening them."""
-    found = list_ports()
-    for port in found:
-        yield from device_findings(port)
-        # Only BAD for a port that is to be captured.
-        for finding in holder_findings(port):
-            yield replace(finding, level=Level.WARN)
-    if not found:
-        yield bad("ports", "no serial port is plugged in", machine_kind().value)
-    elif all(port.vid is None for port in found):
-        yield warn("ports", "no USB adapter is plugged in", machine_kind().value)
-
-
 def check_port(
     name: str, settings: PortSettings, seconds: float, *, probe: bool
 ) -> Iterator[Diagnosis]:
@@ -110,12 +90,7 @@ def check_port(
 
     With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
     """
-    baud, port = settings.baud, listing_of(name)
-    if port is not None:
-        yield from device_findings(port)
-        yield from holder_findings(port)
-        if port.holders:
-            return  # to open it would take bytes from its program
+    baud = settings.baud
     with LineListener(name, settings) as listener:
         yield capability_finding(name, latency_timer_ms(listener.device or name))
         yield ok(name, listener.errors.description)
@@ -129,7 +104,7 @@ def check_port(
             yield _probe(name, baud, listener, verdict)
 
 
-# Kind of machine, and programs that take adapters away
+# Adapters
 
 INTERFERING_PROGRAMS = {
     "ModemManager": "sudo systemctl disable --now ModemManager",
@@ -138,34 +113,11 @@ INTERFERING_PROGRAMS = {
 """Programs that open adapters by themselves, and the fix for each."""
 
 
-class MachineKind(Enum):
-    """Kind of machine; the value is what to do if it does not see an adapter that is plugged in."""
-
-    METAL = "plug the adapter in, and see what the system says: sudo dmesg | tail"
-    CONTAINER = "give it to the container: docker run --device /dev/ttyUSB0 ..."
-    WSL = "in Windows: usbipd list, then usbipd attach --wsl --busid <its BUSID>"
-    VIRTUAL = "pass the USB adapter through to the virtual machine, in its settings"
-
-
-def machine_kind(root: Path = _ROOT) -> MachineKind:
-    """Kind of this machine; a container in a virtual machine is a container."""
-    if "microsoft" in text_of(root / "proc/version").lower():
-        return MachineKind.WSL
-    groups = text_of(root / "proc/1/cgroup")
-    if (
-        (root / ".dockerenv").exists()
-        or (root / "run/.containerenv").exists()
-        or any(word in groups for word in ("docker", "lxc", "kubepods"))
-    ):
-        return MachineKind.CONTAINER
-    return MachineKind.VIRTUAL if is_virtual(root) else MachineKind.METAL
-
-
-def is_virtual(root: Path = _ROOT) -> bool:
-    """True if this system runs under a hypervisor."""
-    lines = text_of(root / "proc/cpuinfo").splitlines()
-    flags = next((line for line in lines if line.startswith("flags")), "")
-    return "hypervisor" in flags.split()
+PLUG_IN = (
+    "plug the adapter in, and see `sudo dmesg | tail`; a container, WSL or a virtual machine has it"
+    " only after it is passed through"
+)
+"""What to do where a machine does not see an adapter."""
 
 
 def running_programs(root: Path = _ROOT) -> frozenset[str]:
@@ -174,7 +126,7 @@ def running_programs(root: Path = _ROOT) -> frozenset[str]:
 
 
 def check_adapters(root: Path = _ROOT) -> Iterator[Diagnosis]:
-    """Check for adapters without a port, and for programs that open adapters."""
+    """Check for adapters without a port, for programs that open adapters, and for no port."""
     for stray in stray_adapters(root / "sys/bus/usb/devices"):
         yield stray_finding(stray, root)
     found = INTERFERING_PROGRAMS.keys() & running_programs(root)
@@ -183,6 +135,10 @@ def check_adapters(root: Path = _ROOT) -> Iterator[Diagnosis]:
         yield warn("machine", what, INTERFERING_PROGRAMS[name])
     if not found:
         yield ok("machine", "no program that blocks adapters is running")
+    ports = list_ports()
+    if all(port.vid is None for port in ports):
+        what = "USB adapter" if ports else "serial port"
+        yield warn("ports", f"no {what} is plugged in", PLUG_IN)
 
 
 def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Diagnosis:
@@ -195,33 +151,6 @@ def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Diagnosis:
     if stray.driver is None:
         return bad(name, f"{what}: its driver is not loaded", f"sudo modprobe {stray.wanted}")
     return bad(name, f"{what}: {stray.driver} has it", f"unplug it, sudo modprobe {stray.wanted}")
-
-
-# Ports
-
-
-def device_findings(port: PortListing) -> Iterator[Diagnosis]:
-    """Check permission, latency timer and virtual USB of a port that is not open."""
-    if port.permitted:
-        yield ok(port.device, "you may open it")
-    else:
-        yield bad(port.device, "no permission", permission_fix(port.device))
-    timer = latency_timer_ms(port.device)
-    if timer is not None and timer > SHORT_TIMER_MS:
-        yield ok(port.device, f"latency timer {timer} ms, until live asks for low latency")
-
-
-def holder_findings(port: PortListing) -> Iterator[Diagnosis]:
-    """The programs that have a port open."""
-    for holder in port.holders:
-        what = f"{holder} has it open, and takes bytes away"
-        yield bad(port.device, what, _release_fix(port.device, holder))
-
-
-def _release_fix(device: str, holder: Holder) -> str:
-    if holder.name.endswith("getty"):
-        return f"sudo systemctl stop serial-getty@{Path(device).name}.service"
-    return INTERFERING_PROGRAMS.get(holder.name, f"end it there, or: kill {holder.pid}")
 
 
 SHORT_TIMER_MS = 2
@@ -317,44 +246,57 @@ _WIRE = {
 }
 
 
+_VERDICTS: Mapping[LineCondition, tuple[Level, str, str | None]] = {
+    LineCondition.SOUND: (
+        Level.OK, "{share:.1%} of {size} at {baud} baud are in frames: {wire}", None
+    ),
+    LineCondition.DAMAGED: (
+        Level.WARN,
+        "only {share:.1%} of {size} at {baud} baud are in frames: a loose plug, no common ground,"
+        " two senders on the wire, or bytes lost",
+        "check plug and ground; fte-sniff live {port} --filter malformed",
+    ),
+    LineCondition.SILENT: (
+        Level.BAD,
+        "nothing came: a dead wire, or no device sends",
+        "power the controller, join the grounds, put the adapter's RX on a TX wire",
+    ),
+    LineCondition.LOW: (
+        Level.BAD,
+        "nothing but 00 came ({size}): the wire is held low (no power, no ground, swapped"
+        " polarity), or is far slower than {baud} baud",
+        "check power and ground; fte-sniff doctor {port} --probe",
+    ),
+    LineCondition.TOO_LITTLE: (
+        Level.WARN,
+        "{size} came and no frame: too little to judge",
+        "fte-sniff doctor {port} --duration 30",
+    ),
+    LineCondition.TEXT: (
+        Level.BAD, "{size} of text and no frame: some other device sends here", "fte-sniff ports"
+    ),
+    LineCondition.UNREADABLE: (
+        Level.BAD,
+        "no frame in {size} at {baud} baud: another baud rate, swapped polarity, or another device",
+        "fte-sniff doctor {port} --probe",
+    ),
+}  # fmt: skip
+"""Level, words and fix of each condition of a line."""
+
+
 def verdict_finding(port: str, baud: int, verdict: LineDiagnosis) -> Diagnosis:
     """The finding for a verdict on bytes received at `baud`."""
-    size = f"{verdict.size:,} bytes"
-    typed = quote(port)
-    probe = f"fte-sniff doctor {typed} --probe"
-    match verdict.condition:
-        case LineCondition.SOUND:
-            wire = _WIRE.get(verdict.directions, "frames")
-            return ok(port, f"{verdict.share:.1%} of {size} at {baud} baud are in frames: {wire}")
-        case LineCondition.DAMAGED:
-            return warn(
-                port,
-                f"only {verdict.share:.1%} of {size} at {baud} baud are in frames: a loose plug, "
-                "no common ground, two senders on the wire, or bytes lost",
-                f"check plug and ground; fte-sniff live {typed} --filter malformed",
-            )
-        case LineCondition.SILENT:
-            return bad(
-                port,
-                "nothing came: a dead wire, or no device sends",
-                "power the controller, join the grounds, put the adapter's RX on a TX wire",
-            )
-        case LineCondition.LOW:
-            return bad(
-                port,
-                f"nothing but 00 came ({size}): the wire is held low (no power, no ground, swapped "
-                f"polarity), or is far slower than {baud} baud",
-                f"check power and ground; {probe}",
-            )
-        case LineCondition.TOO_LITTLE:
-            what = f"{size} came and no frame: too little to judge"
-            return warn(port, what, f"fte-sniff doctor {typed} --duration 30")
-        case LineCondition.TEXT:
-            what = f"{size} of text and no frame: some other device sends here"
-            return bad(port, what, "fte-sniff ports")
-        case LineCondition.UNREADABLE:
-            what = f"no frame in {size} at {baud} baud: another baud rate, swapped polarity, or"
-            return bad(port, f"{what} another device", probe)
+    level, what, fix = _VERDICTS[verdict.condition]
+    values = {
+        "share": verdict.share,
+        "size": f"{verdict.size:,} bytes",
+        "baud": baud,
+        "wire": _WIRE.get(verdict.directions, "frames"),
+        "port": quote(port),
+    }
+    return Diagnosis(
+        level, port, what.format_map(values), None if fix is None else fix.format_map(values)
+    )
 
 
 # Probing other bauds

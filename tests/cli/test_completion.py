@@ -68,14 +68,12 @@ def offered(run, environment: dict[str, str]):
     return offered
 
 
-@pytest.mark.pending
 @pytest.mark.parametrize("command", ["decode", "repair", "stats", "view"])
 def test_the_shell_completes_files(offered, command: str) -> None:
     assert offered(command, "folder/a") == ["file,folder/a"]
     assert offered(command, "~no-such-user/") == ["file,~no-such-user/"]
 
 
-@pytest.mark.pending
 def test_words_of_a_filter_are_offered(offered) -> None:
     assert offered("live", "--filter", "mot") == ["plain,motor", "plain,motor_hint"]
     assert offered("live", "--filter", "'motor = 1 AND rp") == ["plain,motor = 1 AND rpm"]
@@ -85,12 +83,10 @@ def test_words_of_a_filter_are_offered(offered) -> None:
     assert offered("decode", "--filter", "help", "--lim") == ["plain,--limit"]
 
 
-@pytest.mark.pending
 def test_nothing_is_offered_after_an_unknown_command(offered) -> None:
     assert offered("lvie", "x") == [""]
 
 
-@pytest.mark.pending
 def test_ports_are_offered(offered) -> None:
     for command in ("live", "bridge", "doctor"):
         assert "plain,sim://" in offered(command, "")

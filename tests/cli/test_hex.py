@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 from decimal import Decimal
 
 import pytest
@@ -39,17 +37,6 @@ def test_examples_of_the_document_are_printed(run, example: Example) -> None:
         (part,) = [part for part in parts if part.split()[0] == offsets]
         assert f" {field.name} " in part
         assert f" {field.text(example.values[field.name])} {field.unit}".rstrip() in part
-
-
-@pytest.mark.pending
-def test_standard_input_without_end_is_taken_apart_as_it_comes(environment, tmp_path) -> None:
-    with started(environment, tmp_path, "hex", "-", stdin=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        process.stdin.write(f"{FRAME}\n".encode() * 200)
-        process.stdin.flush()
-        assert b"position" in os.read(process.stdout.fileno(), 1 << 16)
-        process.kill()
 
 
 def test_a_paste_on_a_terminal(environment, tmp_path) -> None:

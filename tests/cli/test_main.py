@@ -55,7 +55,6 @@ def test_an_error_in_the_middle_leaves_no_part_of_a_file(run, tmp_path: Path, na
 _KEPT = "holds the rows up to there"
 
 
-@pytest.mark.pending
 @pytest.mark.parametrize(
     ("output", "left"),
     [
@@ -78,8 +77,8 @@ def test_what_is_left_after_ctrl_c_is_reported(
         process.stdin.flush()
         assert process.stdout is not None
         if "part." in left:
-            part = tmp_path / f"{output[1]}.part"
-            wait_until(lambda: part.exists() and (part.stat().st_size or "not written" in left))
+            empty = "not written" in left
+            wait_until(lambda: any(empty or part.stat().st_size for part in tmp_path.iterdir()))
             process.stdin.write(lines)  # more than a pipe holds, so it is read
             process.stdin.flush()
         else:

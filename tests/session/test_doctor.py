@@ -13,8 +13,6 @@ from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction, LineErrorCounts
 from fte_sniff.session.doctor import (
     LineListener,
-    device_findings,
-    holder_findings,
     probe_finding,
     verdict_finding,
 )
@@ -38,13 +36,6 @@ def test_a_probe_names_the_baud_with_most_bytes_in_frames() -> None:
     assert "no common baud gives frames" in probe_finding("/dev/p", {}).what
 
 
-def write(root, files):
-    for name, text in files.items():
-        file = root / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
-
-
 FREE = PortListing("/dev/x", None, None, None, None, None, "n/a", None, True, ())
 
 
@@ -55,29 +46,6 @@ def test_a_port_is_free_busy_or_forbidden():
         "busy",
         "forbidden",
     ]
-
-
-def test_a_forbidden_port_comes_with_the_way_in(tmp_path):
-    file = tmp_path / "port"
-    file.touch(mode=0o600)
-    finding, *_ = device_findings(replace(FREE, device=str(file), permitted=False))
-    assert (finding.level, finding.what) == ("bad", "no permission")
-    assert "udev rule" in finding.fix
-
-
-@pytest.mark.parametrize(
-    ("name", "fix"),
-    [
-        ("picocom", "end it there, or: kill 7"),
-        ("fte-sniff", "end it there, or: kill 7"),
-        ("agetty", "sudo systemctl stop serial-getty@x.service"),
-        ("ModemManager", "sudo systemctl disable --now ModemManager"),
-    ],
-)
-def test_who_holds_a_port_is_named_with_what_makes_it_let_go(name, fix):
-    finding = next(holder_findings(replace(FREE, holders=(Holder(7, name),))))
-    assert finding.level == "bad"
-    assert (f"{name} (pid 7) has it open" in finding.what, finding.fix) == (True, fix)
 
 
 FOR_EVER_S = 60.0
