@@ -40,8 +40,6 @@ def _heavy_modules(
     "arguments",
     [
         ["hex", "AA 02 02 03 E8 00 00 27 10 EE"],
-        ["hex", "AA0202", "--format", "jsonl"],
-        ["hex", "AA0202", "--format", "csv"],
         ["hex", "AA0202", "--format", "table"],
         ["encode", "speed", "--motor", "1", "--rpm", "5"],
     ],
