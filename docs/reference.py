@@ -26,7 +26,15 @@ from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
-from fte_sniff.protocol.spec import FTE_FORMAT, Direction, Field, FrameKind, status_of
+from fte_sniff.protocol.spec import (
+    FRAME_LENGTH,
+    HEADERS,
+    TAIL,
+    Direction,
+    Field,
+    FrameKind,
+    status_of,
+)
 from fte_sniff.tui.commands import SECTIONS, Command, key_name
 
 _PART = re.compile(r"(?<=^<!-- generated: )([\w ]+)( -->\n).*?(?=^<!-- end -->$)", re.M | re.S)
@@ -108,17 +116,17 @@ def faults_table() -> str:
 def kinds_table(kind: str = "kind", meaning: str = "meaning") -> str:
     """The kinds of frames, byte by byte, with these headings."""
     return table(
-        (kind, meaning, *map(str, range(FTE_FORMAT.length))),
+        (kind, meaning, *map(str, range(FRAME_LENGTH))),
         ((f"`{each.name}`", _(each.meaning), *_layout(each)) for each in KINDS),
     )
 
 
 def _layout(kind: FrameKind) -> Iterator[str]:
     by_offset = {offset: field.option for field in kind.fields for offset in field.offsets}
-    fixed = {0: f"{kind.header:02X}", FTE_FORMAT.length - 1: f"{FTE_FORMAT.tail:02X}"}
+    fixed = {0: f"{kind.header:02X}", FRAME_LENGTH - 1: f"{TAIL:02X}"}
     fixed[1] = "/".join(f"{cmd:02X}" for cmd in kind.cmds)
     fixed |= dict.fromkeys(kind.reserved, _reserve(kind))
-    for offset in range(FTE_FORMAT.length):
+    for offset in range(FRAME_LENGTH):
         yield fixed.get(offset) or by_offset.get(offset, NO_CELL)
 
 
@@ -153,7 +161,7 @@ def _range(field: Field) -> str:
 
 def headers_table(direction: str = "direction", header: str = "header") -> str:
     """Header bytes by direction, with these headings."""
-    named = ((f"`{way}`", f"{FTE_FORMAT.headers[way]:02X}") for way in Direction)
+    named = ((f"`{way}`", f"{HEADERS[way]:02X}") for way in Direction)
     return table((direction, header), named)
 
 
