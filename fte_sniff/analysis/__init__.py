@@ -18,7 +18,7 @@ Modules:
     line_condition  Condition of a line: sound, damaged, silent, low, text, unreadable.
     line_setup  What the user says about the line and the motors.
     time_text   Times and durations that a user types.
-    dataframe   Rows to polars DataFrame, and a search for text in it.
+    dataframe   Rows to polars DataFrame.
     feed        The feed of a view: rows as they come, and the state of their source.
     tally       Counts of rows by fault, the time that they span, and the rate of frames.
 """

@@ -1,4 +1,4 @@
-"""Rows to polars DataFrame, and a search for text in it.
+"""Rows to polars DataFrame.
 
 time                     Datetime("ns", "UTC"), null where the row has no time
 port, raw                String (raw: hex, upper case, no spaces)
@@ -17,11 +17,11 @@ from typing import Final
 
 import numpy as np
 import polars as pl
+import polars.selectors as cs
 
 from fte_sniff.protocol import (
     COLUMNS,
     FRAME_LENGTH,
-    VALUE_FIELDS,
     Column,
     ColumnType,
 )
@@ -70,7 +70,6 @@ def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFram
     return pl.DataFrame([_series(rows, column).alias(column.name) for column in wanted])
 
 
-_FIELD_NAMES: Final = frozenset(field.name for field in VALUE_FIELDS)
 _HEX_PAIRS: Final = np.frombuffer(
     b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
 )
@@ -126,21 +125,7 @@ def _looked_up(words: Iterable[object], codes: Array, dtype: pl.DataType) -> pl.
     return found.gather(pl.Series(codes.astype(np.uint32)))
 
 
-_WIDE: Final[Mapping[ColumnType, pl.DataType]] = {
-    ColumnType.INT: pl.Int64(),
-    ColumnType.WORDS: pl.List(pl.String()),
-}
-
-SCHEMA: Final[Mapping[str, pl.DataType]] = {
-    column.name: _WIDE.get(column.type, TABLE_SCHEMA[column.name]) for column in COLUMNS
-}
-
-
-def wide(table: pl.DataFrame) -> pl.DataFrame:
-    """The columns of a `table_frame`, in the types of `SCHEMA`."""
-    return table.cast({name: SCHEMA.get(name, pl.Int64()) for name in table.columns})
-
-
 def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
-    """`table_frame` in the types of `SCHEMA`."""
-    return wide(table_frame(rows, names))
+    """`table_frame` to compute with: whole numbers have 64 bits, and words in lists are text."""
+    wide = {cs.integer(): pl.Int64(), cs.list(): pl.List(pl.String())}
+    return table_frame(rows, names).cast(wide)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import SCHEMA, column_dtype, row_frame
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, column_dtype, row_frame, table_frame
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType, Fault, Row, record
 from fte_sniff.protocol.rows import Rows
 
@@ -29,29 +29,14 @@ def test_a_frame_has_the_values_of_the_records(rows: list[Row]) -> None:
 
 @given(ROWS)
 def test_a_frame_has_the_types_of_the_contract(rows: list[Row]) -> None:
-    assert dict(row_frame(Rows.of(rows)).schema) == SCHEMA
-    assert list(SCHEMA) == list(COLUMN_BY_NAME)
+    assert dict(table_frame(Rows.of(rows)).schema) == TABLE_SCHEMA
+    assert list(TABLE_SCHEMA) == list(COLUMN_BY_NAME)
 
 
 @given(ROWS, st.sets(st.sampled_from(list(COLUMN_BY_NAME)), min_size=1))
 def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[str]) -> None:
     wanted = [name for name in COLUMN_BY_NAME if name in names]
     assert row_frame(Rows.of(rows), names).equals(row_frame(Rows.of(rows)).select(wanted))
-
-
-@pytest.mark.parametrize(
-    ("column", "dtype"),
-    [
-        ("time", pl.Datetime("ns", "UTC")),
-        ("port", pl.String()),
-        ("offset", pl.Int64()),
-        ("status", pl.Enum(["ok", "suspect", "malformed"])),
-        ("faults", pl.List(pl.String())),
-        ("raw", pl.String()),
-    ],
-)
-def test_the_types_are_what_readers_of_a_table_expect(column: str, dtype: pl.DataType) -> None:
-    assert SCHEMA[column] == dtype
 
 
 def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:

@@ -7,24 +7,23 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeAlias
 
-from fte_sniff.analysis.filter.row_filter import (
-    COLUMN_OF_WORD,
-    COMPARISONS,
-    FUNCTIONS,
-    KEYWORDS,
-    PATTERNS,
-    Token,
-    tokens,
-)
+from fte_sniff.analysis.filter.row_filter import COLUMN_OF_WORD, FUNCTIONS
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.errors import FilterError
 from fte_sniff.protocol import COLUMN_BY_NAME, Column, ColumnType, iso_time
 
 _LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
-_OPENERS: Final = ("AND", "OR", "NOT", "(")
-_KNOWN: Final = frozenset([*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
+_COMPARED: Final = re.compile(
+    r"(\w+)\s*(?:(?:==?|!=|<>|<=?|>=?|!?~)|(?:\bNOT\s+)?\b(?:I?LIKE|R(?:EGEXP|LIKE)|BETWEEN"
+    r"|IN\s*\((?:[^(),]*,)*))\s*$",
+    re.IGNORECASE,
+)
+"""A field that the next word is compared with."""
+_BEGINS: Final = re.compile(r"(?:^|[(!,]|&&|\|\||\b(?:AND|OR|NOT))\s*$", re.IGNORECASE)
+"""Where a condition begins."""
+_JOINED: Final = re.compile(r"[-+*/%&|=<>~]\s*$")
+_NAMED: Final = re.compile(r"(?:^|[(!]|&&|\|\||\b(?:AND|OR|NOT)\s)\s*(\w+)\s+$", re.IGNORECASE)
+"""A field alone, which an operator follows."""
 _CALLS: Final = tuple(f"{name}(" for name in FUNCTIONS)
-_COMPARED_BY: Final = frozenset([*COMPARISONS, *PATTERNS])
 _MILLISECONDS: Final = len("12:00:00.000")
 
 
@@ -57,18 +56,19 @@ def completions(
     """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
     match = _LAST_WORD.search(text, 0, cursor)
-    if match is None:
+    if match is None or text.count("'", 0, match.start()) % 2:
         return Completions(cursor, ())
-    try:
-        before = tokens(text[: match.start()])[:-1]
-    except FilterError:
-        return Completions(cursor, ())
-    if not all(map(_is_known, before)):
-        return Completions(cursor, ())
-    word, column = match["word"].lower(), _compared_column(before)
-    values = {} if column is None or column.type is ColumnType.TIME else observed(column.name)
-    counts = {_literal(column, value): values[value] for value in values if column is not None}
-    other = _quoted_values(column, t_ns) if match["quote"] else _choices_after(before, t_ns)
+    before, word = text[: match.start()], match["word"].lower()
+    compared = _COMPARED.search(before)
+    column = COLUMN_BY_NAME.get(compared[1].lower()) if compared else None
+    counts = dict[str, int]()
+    if column is not None and column.type is not ColumnType.TIME:
+        is_number = column.type in (ColumnType.INT, ColumnType.REAL)
+        found = observed(column.name).items()
+        counts = {value if is_number else quoted(value): count for value, count in found}
+    other = _values(column, t_ns)
+    if not match["quote"]:
+        other = other or _choices(before, column)
     ranked = sorted(counts, key=lambda value: (-counts[value], len(value), value))
     return Completions(
         match.start(),
@@ -81,32 +81,18 @@ def completions(
     )
 
 
-def _literal(column: Column | None, value: str) -> str:
-    is_number = column is not None and column.type in (ColumnType.INT, ColumnType.REAL)
-    return value if is_number else quoted(value)
-
-
-def _is_known(token: Token) -> bool:
-    return token.kind != "name" or token.word in KEYWORDS or token.text.lower() in _KNOWN
-
-
-def _choices_after(before: Sequence[Token], t_ns: int | None) -> Sequence[str]:
-    compared = _compared_column(before)
+def _choices(before: str, compared: Column | None) -> Sequence[str]:
+    """What may follow some text, after a comparison with a column or not."""
     if compared is not None:
-        same_type = [
-            other.name
-            for other in COLUMN_BY_NAME.values()
-            if other.type is compared.type and other is not compared
-        ]
-        return _quoted_values(compared, t_ns) or same_type
-    last = before[-1] if before else None
-    if last is None or last.word in _OPENERS:
+        columns = COLUMN_BY_NAME.values()
+        return [one.name for one in columns if one.type is compared.type and one is not compared]
+    if _BEGINS.search(before):
         return [*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD, *_CALLS]
-    if last.kind == "sign" and last.text != ")":
+    if _JOINED.search(before):
         return [*COLUMN_BY_NAME, *_CALLS]
-    column = _column(last)
-    is_value = len(before) > 1 and before[-2].word in COMPARISONS
-    return ("AND", "OR") if column is None or is_value else _operators(column)
+    named = _NAMED.search(before)
+    column = COLUMN_BY_NAME.get(named[1].lower()) if named else None
+    return _operators(column) if column else ("AND", "OR")
 
 
 def _operators(column: Column) -> Sequence[str]:
@@ -118,31 +104,8 @@ def _operators(column: Column) -> Sequence[str]:
     return ["=", "!=", *(["LIKE"] if column.type is not ColumnType.WORD else []), *words]
 
 
-def _compared_column(before: Sequence[Token]) -> Column | None:
-    """The column that the next value is compared with."""
-    at = len(before) - 1
-    if at >= 0 and before[at].text in ("(", ","):
-        while at >= 0 and before[at].text != "(":
-            at -= 1
-        at -= 1
-        if at < 0 or before[at].word != "IN":
-            return None
-    elif at < 0 or before[at].word not in _COMPARED_BY:
-        return None
-    at -= 1
-    if at >= 0 and before[at].word == "NOT":
-        at -= 1
-    return _column(before[at]) if at >= 0 else None
-
-
-def _column(token: Token) -> Column | None:
-    return COLUMN_BY_NAME.get(token.text.lower()) if token.kind == "name" else None
-
-
-def _quoted_values(column: Column | None, t_ns: int | None) -> Sequence[str]:
-    if column is None:
-        return []
-    if column.type is ColumnType.TIME and t_ns is not None:
+def _values(column: Column | None, t_ns: int | None) -> Sequence[str]:
+    if column is not None and column.type is ColumnType.TIME and t_ns is not None:
         day, clock = iso_time(t_ns).split("T")
         return [f"'{clock[:_MILLISECONDS]}'", f"'{day}T{clock}'"]
-    return [f"'{word}'" for word in column.words]
+    return [quoted(word) for word in column.words] if column is not None else []

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import tzinfo
 from difflib import get_close_matches
 from math import inf, isfinite
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -97,19 +97,19 @@ _ARITHMETIC: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
 """The operators of numbers by rising precedence."""
 
 _WORDS: Final = "AND|OR|NOT|IN|IS|BETWEEN|LIKE|ILIKE|REGEXP|RLIKE|NULL|TRUE|FALSE|DISTINCT|FROM"
-_TEXTS: Final = (ColumnType.TEXT, ColumnType.WORD, ColumnType.WORDS, ColumnType.HEX)
 KEYWORDS: Final = frozenset(_WORDS.split("|"))
 _TOKEN: Final = re.compile(
     r"""\s*(?: (?P<number> (?: 0x[0-9a-f]+ | 0b[01]+ | (?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)? )(?!\w) )
-    | '(?P<text> (?:[^']|'')* )' | "(?P<quoted> [^"]* )" | `(?P<field> [^`]* )`
+    | '(?P<text> (?:[^'\ud800-\udfff]|'')* )' | "(?P<quoted> [^"\ud800-\udfff]* )"
+    | `(?P<field> [^`\ud800-\udfff]* )`
     | (?P<name> [^\W\d]\w* ) | (?P<sign> && | \|\| | [=!<>]= | <> | !~ | [-=<>+*/%&|(),!~] )
     | (?P<end> $ ) )""",
     re.IGNORECASE | re.VERBOSE,
 )
 _TIME: Final = next(one.name for one in COLUMNS if one.type is ColumnType.TIME)
+_TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
 _YEAR_2000_NS: Final = 946_684_800 * 10**9
 _MOST_TOKENS: Final = 600
-_MOST_CHARACTERS: Final = 8000
 _MOST_NESTED: Final = 25
 """Polars evaluates conditions by recursion: this bounds its stack."""
 
@@ -167,10 +167,6 @@ class RowFilter:
                 "filter: it cannot be computed ({why}); compare fields with plain values",
                 why=_reason(error),
             ) from None
-
-    def select(self, rows: Rows) -> Rows:
-        """The rows that pass, in order."""
-        return rows.select(self.matches(rows))
 
     def stream(self) -> StreamFilter:
         """This filter, for rows that come one after the other."""
@@ -291,16 +287,13 @@ def _test_rows() -> Rows:
 _TEST_ROWS: Final = _test_rows()
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class _Token(NamedTuple):
     """A part of a filter's text."""
 
     kind: str
     """`number`, `text`, `name`, `sign` or `end`."""
     text: str
     start: int
-    end: int
-    """Half-open range of its characters, with quotes."""
 
     @property
     def word(self) -> str:
@@ -314,16 +307,17 @@ def in_zone(text: str, zone: tzinfo) -> str:
 
     Raises FilterError for a time of any day, if the offset depends on the season.
     """
-    parts, at = list[str](), 0
-    for token in tokens(text):
-        if token.kind == "text":
-            try:
-                parts += [text[at : token.start + 1], with_offset(token.text, zone)]
-            except ValueError:
-                what = f"the offset of '{printable(token.text)}' depends on the season"
-                raise mistake(text, token.start, what, "write it, as in '12:00:05+01:00'") from None
-            at = token.end - 1
-    return "".join([*parts, text[at:]])
+
+    def placed(match: re.Match[str]) -> str:
+        quote, inner = match.groups()
+        try:
+            return f"{quote}{with_offset(inner, zone)}{quote}"
+        except ValueError:
+            what = f"the offset of '{printable(inner)}' depends on the season"
+            fix = "write it, as in '12:00:05+01:00'"
+            raise mistake(text, match.start(), what, fix) from None
+
+    return re.sub(r"""(['"])([^'"]*)\1""", placed, text)
 
 
 def mistake(text: str, at: int, what: str, fix: str = "") -> FilterError:
@@ -337,11 +331,6 @@ def mistake(text: str, at: int, what: str, fix: str = "") -> FilterError:
     )
 
 
-def tokens(text: str) -> Sequence[Token]:
-    """The tokens of a filter; raises FilterError."""
-    return _Parser(text).tokens
-
-
 @dataclass(frozen=True, slots=True)
 class _Term:
     """A part of a filter."""
@@ -350,51 +339,42 @@ class _Term:
     start: int
     column: Column | None = None
     """The column, if it is just a field."""
-    literal: str | None = None
+    text: str | None = None
     """The text, if it is one in quotes or a word, whose meaning depends on the column."""
     is_word: bool = False
     """Whether it is a word of the contract without quotes."""
     is_condition: bool = False
-    bounds: tuple[int, int] | None = None
-    """The lowest and the highest value of a whole number; None for others."""
+    most: int | None = None
+    """The largest size of a whole number; None for others."""
 
 
 class _Parser:
     def __init__(self, text: str) -> None:
         self._text = text
         self._index = self._nested = 0
-        self.tokens = self._tokenized()
+        self._tokens = [*self._tokenized()]
 
-    def _tokenized(self) -> Sequence[Token]:
-        if len(self._text) > _MOST_CHARACTERS or not self._text.isascii():
-            self._check_text()
-        found, at = list[Token](), 0
-        while not found or found[-1].kind != "end":
+    def _tokenized(self) -> Iterator[_Token]:
+        at, kind = 0, ""
+        for _ in range(_MOST_TOKENS):
             match = _TOKEN.match(self._text, at)
-            if match is None or len(found) > _MOST_TOKENS:
-                many = match is not None
-                raise self._mistake(at, "too long" if many else "this has no meaning in a filter")
+            if match is None:
+                raise self._mistake(at, "this has no meaning in a filter")
             kind = str(match.lastgroup)
-            content, at = match[kind], match.end()
-            start = match.start(kind) - (kind in ("text", "quoted", "field"))
+            content, start, at = match[kind], match.start(kind), match.end()
+            start -= kind in ("text", "quoted", "field")
             if kind in ("quoted", "field"):
                 kind = "name" if content.lower() in COLUMN_BY_NAME else "text"
-            found.append(Token(kind, content.replace("''", "'"), start, at))
-        return found
-
-    def _check_text(self) -> None:
-        if len(self._text) > _MOST_CHARACTERS:
-            raise self._mistake(0, f"more than {_MOST_CHARACTERS:,} characters are too many")
-        try:
-            self._text.encode()
-        except UnicodeEncodeError as error:
-            raise self._mistake(error.start, "this is not valid Unicode") from None
+            yield _Token(kind, content.replace("''", "'"), start)
+            if kind == "end":
+                return
+        raise self._mistake(at, "too long")
 
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
         return mistake(self._text, at, what, fix)
 
     def _accept(self, *choices: str) -> str | None:
-        found = self.tokens[self._index].word
+        found = self._tokens[self._index].word
         if found not in choices or not found:
             return None
         self._index += 1
@@ -406,18 +386,18 @@ class _Parser:
 
     @property
     def _here(self) -> int:
-        return self.tokens[self._index].start
+        return self._tokens[self._index].start
 
     # Conditions
 
     def parse(self) -> pl.Expr:
         """The whole filter."""
-        if self.tokens[0].kind == "end":
+        if self._tokens[0].kind == "end":
             raise self._mistake(
                 0, "it is empty", "write a condition, as in motor = 1 AND rpm > 500"
             )
         found = self._condition(self._or())
-        if self.tokens[self._index].kind != "end":
+        if self._tokens[self._index].kind != "end":
             raise self._mistake(
                 self._here, "this is out of place", "join conditions with AND or OR"
             )
@@ -427,19 +407,15 @@ class _Parser:
         return self._chain("OR", lambda: self._chain("AND", self._not))
 
     def _chain(self, joint: str, inner: Callable[[], _Term]) -> _Term:
-        """Conditions joined in pairs of pairs, which keeps the expression shallow."""
-        first = inner()
-        terms = [first]
+        """One or more conditions; they are joined at once, which keeps the expression shallow."""
+        terms = [inner()]
         while self._accept(joint):
             terms.append(inner())
         if len(terms) == 1:
-            return first
-        level = [self._condition(term) for term in terms]
-        join = operator.and_ if joint == "AND" else operator.or_
-        while len(level) > 1:
-            pairs = zip(level[::2], level[1::2], strict=False)
-            level = [join(*pair) for pair in pairs] + level[len(level) // 2 * 2 :]
-        return _Term(level[0], first.start, is_condition=True)
+            return terms[0]
+        join = pl.all_horizontal if joint == "AND" else pl.any_horizontal
+        found = join([self._condition(term) for term in terms])
+        return _Term(found, terms[0].start, is_condition=True)
 
     def _not(self) -> _Term:
         start = self._here
@@ -459,12 +435,11 @@ class _Parser:
         """A condition; a word such as `noise` is true for rows that have it."""
         if term.is_condition or (term.column and term.column.type is ColumnType.BOOL):
             return term.expr
-        if not term.is_word or term.literal is None:
+        if not term.is_word or term.text is None:
             raise self._mistake(term.start, "a condition is missing", "compare it, as in motor = 1")
-        column = COLUMN_OF_WORD[term.literal]
-        own = pl.col(column.name)
-        is_list = column.type is ColumnType.WORDS
-        return own.list.contains(term.literal) if is_list else own.eq_missing(pl.lit(term.literal))
+        column = COLUMN_OF_WORD[term.text]
+        own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
+        return own.list.contains(term.text) if is_list else own.eq_missing(pl.lit(term.text))
 
     def _comparison(self) -> _Term:
         left = self._value()
@@ -478,9 +453,8 @@ class _Parser:
             _passes(found, _TEST_ROWS)
         except _REFUSED as error:
             what = f"this cannot be compared ({_reason(error)})"
-            raise self._mistake(
-                left.start, what, "compare fields with values of their type"
-            ) from None
+            fix = "compare fields with values of their type"
+            raise self._mistake(left.start, what, fix) from None
         return _Term(found, left.start, is_condition=True)
 
     def _compared(self, left: _Term) -> pl.Expr | None:
@@ -529,77 +503,65 @@ class _Parser:
     def _compare(self, left: _Term, symbol: str, right: _Term) -> pl.Expr:
         if left.column is None and right.column is not None:
             left, right, symbol = right, left, _MIRRORED.get(symbol, symbol)
-        column, text = left.column, right.literal
+        column, text, compare = left.column, right.text, _OPERATORS[symbol]
         if symbol in ("=", "!=") and (left.is_condition or right.is_condition):
-            return _OPERATORS[symbol](self._condition(left), self._condition(right))
+            return compare(self._condition(left), self._condition(right))
         if text is None or column is None:
-            if column is not None and column.type is ColumnType.TIME and right.bounds is not None:
-                self._check_time(right)
-            if left.literal is not None or right.is_word:
-                term = right if right.is_word else left
+            for term in (one for one in (right, left) if one.is_word or (one.text and one is left)):
                 raise self._mistake(term.start, "a text or word is not compared with a field here")
-            return _OPERATORS[symbol](left.expr, right.expr)
+            is_time = column is not None and column.type is ColumnType.TIME
+            if is_time and right.most is not None and right.most < _YEAR_2000_NS:
+                raise self._mistake(right.start, "this is a time before the year 2000", _TIME_FIX)
+            return compare(left.expr, right.expr)
         match column.type:
             case ColumnType.TIME:
                 clock = clock_time(text)
                 t_ns = time_ns(text) if clock is None else clock.since_midnight_ns
                 if t_ns is None or abs(t_ns) >= 2**63:
-                    fix = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
-                    raise self._mistake(right.start, "this is not a time", fix)
+                    raise self._mistake(right.start, "this is not a time", _TIME_FIX)
                 own = left.expr if clock is None else left.expr % DAY_NS
-                return _OPERATORS[symbol](own, pl.lit(t_ns, pl.Int64))
+                return compare(own, pl.lit(t_ns, pl.Int64))
             case ColumnType.WORD | ColumnType.WORDS:
                 return self._compare_word(column, symbol, right)
             case ColumnType.HEX:
-                return _OPERATORS[symbol](left.expr, pl.lit(self._hex(right, "")))
+                return compare(left.expr, pl.lit(self._hex(right, "")))
             case ColumnType.TEXT:
-                return _OPERATORS[symbol](left.expr, pl.lit(text))
+                return compare(left.expr, pl.lit(text))
         raise self._mistake(right.start, f"{column.name} is a number", "write it without quotes")
 
-    def _check_time(self, number: _Term) -> None:
-        if number.bounds is not None and number.bounds[1] < _YEAR_2000_NS:
-            fix = "write UTC as '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
-            raise self._mistake(number.start, "this would be a time before the year 2000", fix)
-
     def _compare_word(self, column: Column, symbol: str, right: _Term) -> pl.Expr:
-        word = (right.literal or "").strip().lower()
+        word = (right.text or "").strip().lower()
         own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
         if symbol not in ("=", "!="):
             raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
         if is_list and not word:
             found = own.list.len() == 0
         elif word not in column.words:
-            what = f"{column.name} is never '{printable(word)}'"
-            raise self._mistake(
-                right.start, what, nearest(word, column.words) or _there_are(column.words)
-            )
+            fix = nearest(word, column.words) or _there_are(column.words)
+            raise self._mistake(right.start, f"{column.name} is never '{printable(word)}'", fix)
         else:
             found = own.list.contains(word) if is_list else own == pl.lit(word)
         return found if symbol == "=" else ~found
 
     def _like(self, left: _Term, symbol: str, pattern: _Term) -> pl.Expr:
-        column = left.column
-        if column is not None and column.type not in _TEXTS:
-            raise self._mistake(left.start, f"{symbol} needs a text, and {column.name} is none")
-        text = left.expr.list.join(",") if column and column.type is ColumnType.WORDS else left.expr
-        if pattern.literal is None:
+        of, own, found = left.column and left.column.type, left.expr, pattern.text
+        if found is None:
             raise self._mistake(pattern.start, f"{symbol} needs a pattern in quotes")
-        is_hex = column is not None and column.type is ColumnType.HEX
-        found, ignores_case = pattern.literal, is_hex or symbol == "ILIKE"
+        if of in (ColumnType.WORD, ColumnType.WORDS):
+            own = own.cast(pl.String) if of is ColumnType.WORD else own.list.join(",")
+        is_hex = of is ColumnType.HEX
         if symbol in ("LIKE", "ILIKE"):
-            wanted = self._hex(pattern, "_") if is_hex else found
             anything = "(?:..)*" if is_hex else ".*"
-            inner = re.escape(wanted).replace("_", ".").replace("%", anything)
-            found = f"^(?s:{inner})$"
-        return text.cast(pl.String).str.contains(f"(?i){found}" if ignores_case else found)
+            inner = re.escape(self._hex(pattern, "_") if is_hex else found)
+            found = f"^(?s:{inner.replace('_', '.').replace('%', anything)})$"
+        return own.str.contains(f"(?i){found}" if is_hex or symbol == "ILIKE" else found)
 
     def _hex(self, literal: _Term, wildcards: str) -> str:
-        digits = "".join((literal.literal or "").split()).upper()
+        digits = "".join((literal.text or "").split()).upper()
         anything = "%|" if wildcards else ""
         if not re.fullmatch(f"(?:{anything}[0-9A-F{wildcards}]{{2}})*", digits):
-            raise self._mistake(
-                literal.start, "these are not whole bytes", "write two digits a byte"
-            )
+            what, fix = "these are not whole bytes", "write two digits a byte"
+            raise self._mistake(literal.start, what, fix)
         return digits
 
     # Values
@@ -610,15 +572,11 @@ class _Parser:
         left = self._value(level + 1)
         while symbol := self._accept(*_ARITHMETIC[level]):
             right = self._value(level + 1)
-            if left.literal is not None or right.literal is not None:
-                raise self._mistake(right.start, f"'{symbol}' joins numbers")
-            bounds = _bounds(symbol, left.bounds, right.bounds)
-            if bounds is not None and not -(2**63) <= bounds[0] <= bounds[1] < 2**63:
-                raise self._mistake(
-                    right.start, "this can be larger than 64 bits", "write a number as 1e18"
-                )
-            expr = _OPERATORS[symbol](left.expr, right.expr)
-            left = _Term(expr, left.start, bounds=bounds)
+            most = _most(symbol, left.most, right.most)
+            if most is not None and most >= 2**63:
+                what, fix = "this can be larger than 64 bits", "write a number as 1e18"
+                raise self._mistake(right.start, what, fix)
+            left = _Term(_OPERATORS[symbol](left.expr, right.expr), left.start, most=most)
         return left
 
     def _arguments(self) -> list[_Term]:
@@ -630,12 +588,10 @@ class _Parser:
         return found
 
     def _primary(self) -> _Term:
-        token = self.tokens[self._index]
+        token = self._tokens[self._index]
         if self._accept("-"):
             inner = self._within(self._primary)
-            if inner.literal is not None or inner.is_condition:
-                raise self._mistake(token.start, "'-' needs a number")
-            return _Term(-inner.expr, token.start, bounds=_bounds("-", (0, 0), inner.bounds))
+            return _Term(-inner.expr, token.start, most=inner.most)
         if self._accept("("):
             found = self._within(self._or)
             self._expect(")")
@@ -644,16 +600,13 @@ class _Parser:
         name = token.text.lower()
         match token.kind:
             case "number":
-                number = self._number(token)
-                bounds = (number, number) if isinstance(number, int) else None
-                dtype = pl.Int64 if isinstance(number, int) else pl.Float64
-                return _Term(pl.lit(number, dtype), token.start, bounds=bounds)
+                return self._number(token)
             case "text":
-                return _Term(pl.lit(token.text), token.start, literal=token.text)
+                return _Term(pl.lit(token.text), token.start, text=token.text)
             case "name" if name in COLUMN_BY_NAME:
                 return self._field(COLUMN_BY_NAME[name], token.start)
             case "name" if name in COLUMN_OF_WORD:
-                return _Term(pl.lit(name), token.start, literal=name, is_word=True)
+                return _Term(pl.lit(name), token.start, text=name, is_word=True)
             case "name" if name in ("true", "false"):
                 return _Term(pl.lit(name == "true"), token.start, is_condition=True)
             case "name" if name in FUNCTIONS:
@@ -665,23 +618,21 @@ class _Parser:
         raise self._mistake(token.start, "here a field or a value is missing")
 
     def _field(self, column: Column, start: int) -> _Term:
-        own, bounds = pl.col(column.name), None
-        if column.type is ColumnType.TIME:
-            own = own.cast(pl.Int64)
-        if column.type in (ColumnType.TIME, ColumnType.INT):
-            bits = min(column.bits - column.signed, 62)
-            bounds = (-(1 << bits) if column.signed else 0, 1 << bits)
-        return _Term(own, start, column, bounds=bounds)
+        own = pl.col(column.name)
+        if column.type not in (ColumnType.TIME, ColumnType.INT):
+            return _Term(own, start, column)
+        bits = min(column.bits - column.signed, 62)
+        return _Term(own.cast(pl.Int64), start, column, most=1 << bits)
 
-    def _number(self, token: Token) -> int | float:
-        value: int | float
-        if re.fullmatch(r"\d+|0[xb].*", token.text, re.IGNORECASE):
-            value = int(token.text, 0) if token.text[1:2].isalpha() else int(token.text)
-        else:
-            value = float(token.text)
-        if not isfinite(value) or (isinstance(value, int) and value >= 2**63):
+    def _number(self, token: _Token) -> _Term:
+        is_whole = re.fullmatch(r"\d+|0[xb].*", token.text, re.IGNORECASE)
+        value: int | float = (
+            float(token.text) if not is_whole else int(token.text, _base(token.text))
+        )
+        if not isfinite(value) or (is_whole and value >= 2**63):
             raise self._mistake(token.start, "this number is too large")
-        return value
+        number = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
+        return _Term(number, token.start, most=int(value) if is_whole else None)
 
     def _call(self, name: str, start: int) -> _Term:
         items = self._arguments()
@@ -690,30 +641,23 @@ class _Parser:
                 raise KeyError(name)
             expr = FUNCTIONS[name].of(*(one.expr for one in items))
         except (TypeError, KeyError):
-            raise self._mistake(
-                start, f"{name} takes other values", f"write {FUNCTIONS[name].example}"
-            ) from None
-        known = [one.bounds for one in items if one.bounds is not None]
-        ends = [abs(end) for bounds in known for end in bounds]
-        is_whole = len(known) == len(items)
-        return _Term(expr, start, bounds=(-max(ends), max(ends)) if is_whole else None)
+            fix = f"write {FUNCTIONS[name].example}"
+            raise self._mistake(start, f"{name} takes other values", fix) from None
+        known = [one.most for one in items if one.most is not None]
+        return _Term(expr, start, most=max(known) if len(known) == len(items) else None)
 
 
-Bounds: TypeAlias = tuple[int, int] | None
+def _base(number: str) -> int:
+    return {"x": 16, "b": 2}.get(number[1:2].lower(), 10)
 
 
-def _bounds(symbol: str, left: Bounds, right: Bounds) -> Bounds:
-    """The lowest and highest result of an operator on whole numbers."""
+def _most(symbol: str, left: int | None, right: int | None) -> int | None:
+    """The largest size of the result of an operator on whole numbers."""
     if left is None or right is None or symbol == "/":
         return None
-    if symbol in "+-*":
-        ends = [getattr(operator, _NAMES[symbol])(one, other) for one in left for other in right]
-        return min(ends), max(ends)
-    most = max(abs(end) for end in (*left, *right))
-    return -(1 << most.bit_length()), (1 << most.bit_length()) - 1
-
-
-_NAMES: Final = {"+": "add", "-": "sub", "*": "mul"}
+    if symbol == "*":
+        return left * right
+    return left + right if symbol in "+-" else (1 << max(left, right).bit_length()) - 1
 
 
 def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
@@ -724,13 +668,12 @@ def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
 def nearest(word: str, choices: Iterable[str]) -> str:
     """`did you mean x?`, or an empty text if no choice is similar.
 
-    A role, such as `speed`, means the field of that role.
+    A role, such as `speed`, means the field of that role, here `rpm`.
     """
     names, typed = list(choices), word.strip().lower()
     near = [name for name in names if name == _FIELD_OF_ROLE.get(typed)]
-    near = near or [name for name in names if len(typed) > 1 and name.startswith(typed)]
-    near = near or [name for name in names if _abbreviates(typed, name)]
-    near = near or get_close_matches(typed, names, n=1)
+    near += [name for name in names if len(typed) > 1 and name.startswith(typed)]
+    near += get_close_matches(typed, names, n=1)
     return TranslatableText("did you mean {near}?", near=near[0]) if near else ""
 
 
@@ -740,12 +683,3 @@ def _there_are(names: Iterable[str]) -> str:
 
 _FIELD_OF_ROLE: Final = {str(role): name for role, name in NAME_OF_ROLE.items()}
 """What people call a field: `speed` is a kind of frame, and its field is `rpm`."""
-
-
-def _abbreviates(text: str, name: str) -> bool:
-    """Whether each word of the text leaves out letters of the name's word, as in `speed fb`."""
-    words, parts = re.split(r"[\s_.-]+", text), name.split("_")
-    return len(words) == len(parts) > 1 and all(
-        re.fullmatch(".*".join(map(re.escape, word)) + ".*", part)
-        for word, part in zip(words, parts, strict=True)
-    )

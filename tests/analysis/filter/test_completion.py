@@ -24,7 +24,7 @@ CLOCK, TIME = "'12:00:00.250'", "'2026-01-31T12:00:00.250000007Z'"
         ("time > '12:0", 7, (CLOCK,)),
         ("time > '2026-01-3", 7, (TIME,)),
         ("time IN ('12:00:05', '2026", 21, (TIME,)),
-        ("time BETWEEN '1", 13, ()),
+        ("time BETWEEN '1", 13, (CLOCK,)),
         ("port > '1", 7, ()),
     ],
 )
@@ -58,8 +58,7 @@ def test_a_time_is_completed_from_the_suggested_one(
         ("faults IN (", 11, tuple(f"'{word}'" for word in Fault)),
         ("faults = 'noi", 9, ("'noise'",)),
         ("port = 'x", 7, ()),
-        ("motor; mo", 9, ()),
-        ("'unfinished mo", 14, ()),
+        ("port = 'unfinished mo", 21, ()),
         ("", 0, (*COLUMN_BY_NAME, "NOT")),
     ],
 )
@@ -104,11 +103,11 @@ ROWS = st.one_of(FRAMES, DAMAGE)
 def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: Row) -> None:
     for cell in cell_filters(row):
         only, without = RowFilter.parse(cell.only), RowFilter.parse(cell.without)
-        assert list(only.select(Rows.of([row]))) == [row]
-        assert not without.select(Rows.of([row]))
+        assert only.matches(Rows.of([row])).all()
+        assert not without.matches(Rows.of([row])).any()
         if cell.column != "time" or other.t_ns is not None:
             others = Rows.of([other])
-            assert len(only.select(others)) + len(without.select(others)) == 1
+            assert only.matches(others) != without.matches(others)
 
 
 @given(ROWS)
