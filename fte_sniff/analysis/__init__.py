@@ -8,6 +8,7 @@ Modules:
     durations   Durations counted by bin, so that percentiles add up.
     statistics  Statistics of ports, streams, faults and motors.
     events      Events of trouble, counted by window of time.
+    spans       The spans of time in which bad windows are more frequent than elsewhere.
     findings    The spans of time in which something is wrong, ranked.
     check       Measures, rules and verdicts.
     compare     What changed between two recordings: counts by block of time, changes, sentences.

@@ -24,9 +24,10 @@ import polars as pl
 
 from fte_sniff.analysis import events
 from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
-from fte_sniff.analysis.findings import Cause, divergence, find, hidden_text
+from fte_sniff.analysis.findings import Cause, find, hidden_text
 from fte_sniff.analysis.relations import ANSWERABLE, FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.spans import divergence
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.protocol.rows import Ints, fault_bits

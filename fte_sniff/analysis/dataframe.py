@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -127,5 +127,5 @@ def _looked_up(words: Iterable[object], codes: Array, dtype: pl.DataType) -> pl.
 
 def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
     """`table_frame` to compute with: whole numbers have 64 bits, and words in lists are text."""
-    wide = {cs.integer(): pl.Int64(), cs.list(): pl.List(pl.String())}
+    wide: dict[Any, pl.DataType] = {cs.integer(): pl.Int64(), cs.list(): pl.List(pl.String())}
     return table_frame(rows, names).cast(wide)

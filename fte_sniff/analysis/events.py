@@ -12,8 +12,9 @@ is known only then, so the delays of answers are kept by bin.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Final
+from collections.abc import Iterator
+from itertools import product
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -21,21 +22,23 @@ import polars as pl
 from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
 from fte_sniff.analysis.relations import (
     ANSWERABLE,
+    COMMANDS,
     FEEDBACK,
     LATE,
     NAMES_MOTOR,
     AnswerState,
     values_at,
 )
-from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed
 from fte_sniff.analysis.table import Table
-from fte_sniff.protocol import PortEventKind
-from fte_sniff.protocol.rows import Bools, Ints, Rows, faults_in
+from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Array, Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
     NAME_OF_ROLE,
     Direction,
+    Fault,
     FrameKind,
     Role,
     motor_bit,
@@ -53,6 +56,8 @@ IRREGULAR: Final = 0.5
 """Octaves by which a period differs from the one before it, from which on it is irregular."""
 
 _LEAST_JUMP: Final = 64
+NO_TIMES: Final[Ints] = np.zeros(0, np.int64)
+_FLAGS: Final = (Role.ERRORS, Role.ONLINE)
 _ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
 OF_PORT: Final = (
     PortEventKind.LINE_ERROR,
@@ -113,12 +118,12 @@ def irregular(t_ns: Ints, runs: Ints) -> Bools:
 
 
 class _Counter:
-    """The columns of a table: for each name, its windows with events."""
+    """The columns of a table: for each port and name, its windows with events."""
 
     def __init__(self, t_ns: Ints, own: Bools) -> None:
         self.t_ns, self._own = t_ns, own
         self._windows, self._at = np.unique(t_ns >> SHIFT, return_inverse=True)
-        self._found = list[tuple[str, str, Ints, Ints, Ints, Ints]]()
+        self._found = [("", "", *[NO_TIMES] * 4)]
 
     def add(self, name: str, at: Ints, values: Ints | None = None, port: str = "") -> None:
         """Count rows by index; `values` of them, by default their times, make the range."""
@@ -135,99 +140,80 @@ class _Counter:
         low, high = (one.reduceat(values, starts) for one in (np.minimum, np.maximum))
         self._found.append((port, name, self._windows[windows[starts]], counts, low, high))
 
-    def frame(self, events: Sequence[tuple[str, str, int]]) -> pl.DataFrame:
-        """All columns; `events` are further ones, of which each has a port, name and time."""
-        parts = [
-            *self._found,
-            *(
-                (
-                    port,
-                    name,
-                    np.array([t_ns >> SHIFT]),
-                    np.ones(1, np.int64),
-                    *[np.array([t_ns])] * 2,
-                )
-                for port, name, t_ns in events
-            ),
-        ]
-        sizes = [len(part[2]) for part in parts]
-        columns: dict[str, Any] = {
-            key: pl.Series([part[number] for part in parts], dtype=pl.String).gather(
-                np.repeat(np.arange(len(parts)), sizes)
-            )
-            for number, key in enumerate(("port", "name"))
-        }
-        for number, key in enumerate(("window", "sum count", "least low", "greatest high"), 2):
-            values = [part[number] for part in parts]
-            columns[key] = np.concatenate([np.zeros(0, np.int64), *values]).astype(np.int64)
-        return pl.DataFrame(columns)
+    def add_event(self, one: PortEvent) -> None:
+        """Count what happened to a port."""
+        t_ns = np.array([one.t_ns])
+        count = np.ones_like(t_ns)
+        self._found.append((one.port, str(one.kind), t_ns >> SHIFT, count, t_ns, t_ns))
+
+    def frame(self) -> pl.DataFrame:
+        """All columns, one below the other."""
+        ports, names, *numbers = zip(*self._found, strict=True)
+        at = np.repeat(np.arange(len(names)), [len(one) for one in numbers[0]])
+        texts = {"port": pl.Series(ports).gather(at), "name": pl.Series(names).gather(at)}
+        keys = ("window", "sum count", "least low", "greatest high")
+        values = (np.concatenate(own).astype(np.int64) for own in numbers)
+        return pl.DataFrame({**texts, **dict(zip(keys, values, strict=True))})
 
 
 def counted(table: Table) -> Counts:
-    """The counts of a table: `windows`, `delays`, `lost`, `extent` and `hidden`."""
+    """The counts of a table: `windows`, `delays`, `lost`, and those of `extent_of`."""
     timed = np.flatnonzero(table.rows.timed)
     rows, runs = table.with_facts.select(timed), table.runs.number[timed]
     is_own = (timed >= table.start) & (timed < table.stop)
     counter = _Counter(rows.t_ns, is_own)
     for code in np.unique(rows.port[is_own]).tolist():
         _count_port(counter, rows, runs, np.flatnonzero(rows.port == code), rows.ports[code])
-    index = np.cumsum(table.rows.timed) - 1
-    delays = _count_answers(counter, table, index)
-    for motor in MOTORS:
-        _count_motor(counter, rows, runs, motor)
-    own = table.rows.select(slice(table.start, table.stop))
-    t_ns = own.t_ns[own.timed]
-    ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
-    events = [(one.port, str(one.kind), one.t_ns) for one in table.events]
-    lost = (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
+    delays = _count_answers(counter, table, np.cumsum(table.rows.timed) - 1)
+    _count_motors(counter, rows, runs)
+    for one in table.events:
+        if one.kind in OF_PORT:
+            counter.add_event(one)
+    lost = [
+        (one.port, one.t_ns, str(one.kind))
+        for one in table.events
+        if one.kind in (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
+    ]
+    schema = {"port": pl.String, "t_ns": pl.Int64, "kind": pl.String}
     return {
-        "windows": counter.frame([one for one in events if one[1] in OF_PORT]),
+        "windows": counter.frame(),
         "delays": delays,
-        "lost": _frame(
-            ((port, t_ns, kind) for port, kind, t_ns in events if kind in lost),
-            port=pl.String,
-            t_ns=pl.Int64,
-            kind=pl.String,
-        ),
-        "extent": pl.DataFrame(
-            [(len(own), int(own.framed.sum()), len(t_ns), *ends)],
-            dict.fromkeys(
-                ("sum rows", "sum frames", "sum timed", "least t", "greatest t"), pl.Int64
-            ),
-            orient="row",
-        ),
-        "hidden": _frame(((one,) for one in table.hidden_by), hidden_by=pl.String),
+        "lost": pl.DataFrame(lost, schema, orient="row").unique(maintain_order=True),
+        **extent_of(table),
     }
 
 
 ANALYSIS: Final = Analysis(counted, summed)
 
 
-def _frame(rows: Any, **schema: Any) -> pl.DataFrame:
-    return pl.DataFrame([*rows], schema, orient="row").unique(maintain_order=True)
-
-
 def _count_port(counter: _Counter, rows: Rows, runs: Ints, own: Ints, port: str) -> None:
     """Count the rows and the damage of a port."""
-
-    def add(name: str, which: Bools) -> None:
-        counter.add(name, own[which], port=port)
-
     kinds, directions, hints = rows.kinds[own], rows.directions[own], rows.motor_hint[own]
     is_damaged, faults = rows.is_malformed[own], rows.faults[own]
     motors = np.where(is_damaged, hints, np.where(NAMES_MOTOR[kinds], rows.nums[own], 0))
-    add("rows", np.ones(len(own), np.bool_))
-    add("damaged", is_damaged)
+    after = is_damaged[1:] & is_damaged[:-1] & (runs[own][1:] == runs[own][:-1])
+    found = {
+        "rows": directions == directions,
+        "damaged": is_damaged,
+        "burst": np.append(False, after)[: len(own)],
+    }
     for motor in MOTORS:
-        add(f"rows {motor}", motors == motor)
-        add(f"damaged {motor}", is_damaged & (motors == motor))
+        found[f"rows {motor}"] = motors == motor
+        found[f"damaged {motor}"] = is_damaged & (motors == motor)
     for code, direction in enumerate(Direction):
-        add(COLUMN_OF[direction], directions == code)
-        add(f"damaged {direction}", is_damaged & (directions == code))
-    for bits in np.unique(faults[is_damaged]).tolist():
-        add(f"fault {faults_in(bits)[0]}", is_damaged & (faults == bits))
-    after = np.append(False, is_damaged[1:] & is_damaged[:-1] & (runs[own][1:] == runs[own][:-1]))
-    add("burst", after[: len(own)])
+        found[COLUMN_OF[direction]] = directions == code
+        found[f"damaged {direction}"] = is_damaged & (directions == code)
+    for fault in Fault:
+        found[f"fault {fault}"] = is_damaged & _is_first(faults, fault)
+    for name, which in found.items():
+        counter.add(name, own[which], port=port)
+
+
+def _is_first(faults: Array, fault: Fault) -> Bools:
+    """Whether a fault is the first one of each row."""
+    bit = fault_bits([fault])
+    first: Bools = (faults & (2 * bit - 1)) == bit
+    return first
 
 
 def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame:
@@ -241,54 +227,44 @@ def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame
         counter.add(f"asked {motor}", at[states <= AnswerState.UNANSWERED])
         counter.add(f"missed {motor}", at[states == AnswerState.UNANSWERED])
     timed = found.drop_nulls("delay_ns")
-    return (
-        timed.select(
-            "motor",
-            "kind",
-            "t_ns",
-            window=pl.col("t_ns") // (1 << SHIFT),
-            bin=pl.Series(bins_of(timed["delay_ns"].to_numpy(), COARSE), dtype=pl.Int64),
-        )
-        .group_by("motor", "kind", "window", "bin")
-        .agg(
-            pl.len().cast(pl.Int64).alias("sum count"),
-            pl.col("t_ns").min().alias("least low"),
-            pl.col("t_ns").max().alias("greatest high"),
-        )
+    bins = pl.Series(bins_of(timed["delay_ns"].to_numpy(), COARSE), dtype=pl.Int64)
+    return timed.group_by("motor", "kind", window=pl.col("t_ns") // (1 << SHIFT), bin=bins).agg(
+        pl.len().cast(pl.Int64).alias("sum count"),
+        pl.col("t_ns").min().alias("least low"),
+        pl.col("t_ns").max().alias("greatest high"),
     )
 
 
-def _count_motor(counter: _Counter, rows: Rows, runs: Ints, motor: int) -> None:
-    kinds, bit, is_named = rows.kinds, motor_bit(motor), NAMES_MOTOR[rows.kinds]
-    is_command = (rows.directions == [*Direction].index(Direction.CONTROL)) & (kinds < len(KINDS))
-    mine = rows.nums == motor
-    counter.add(f"free {motor}", np.flatnonzero(is_command & ~is_named))
-    anyone = np.flatnonzero(FEEDBACK[kinds])
-    feedback = anyone[mine[anyone]]
-    errors = values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback)
-    online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone)
-    counter.add(f"feedback {motor}", feedback)
-    if motor == MOTORS[0]:
-        counter.add("feedback", anyone)
-        counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
-    raised = running(errors, runs[feedback])
-    counter.add(f"raised {motor}", feedback[raised])
-    for one in range(8):
-        counter.add(f"raised {motor} bit {one}", feedback[raised & (errors >> one & 1 == 1)])
-    counter.add(f"offline {motor}", anyone[running(~online >> bit & 1, runs[anyone])])
-    counter.add("any raised", feedback[errors != 0])
-    for code, kind in enumerate(KINDS):
-        at = np.flatnonzero((kinds == code) & (mine | ~is_named))
-        if kind.direction is Direction.CONTROL and (kind.names_motor or motor == MOTORS[0]):
-            counter.add(f"period {motor} {kind.name}", at)
-            uneven = at[irregular(rows.t_ns[at], runs[at])]
-            counter.add(f"irregular {motor} {kind.name}", uneven)
-    for role in (Role.SPEED, Role.POSITION):
-        for word, is_target in (("target", True), ("present", False)):
+def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
+    kinds, nums, anyone = rows.kinds, rows.nums, np.flatnonzero(FEEDBACK[rows.kinds])
+    of_feedback = {role: values_at(rows, NAME_OF_ROLE[role], anyone) for role in _FLAGS}
+    online, every = of_feedback[Role.ONLINE], of_feedback[Role.ERRORS]
+    counter.add("feedback", anyone)
+    counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
+    counter.add("any raised", anyone[(every != 0) & np.isin(nums[anyone], MOTORS)])
+    to_all = COMMANDS[kinds] & ~NAMES_MOTOR[kinds]
+    for motor in MOTORS:
+        mine = nums == motor
+        feedback, errors = anyone[mine[anyone]], every[mine[anyone]]
+        off = ~online >> motor_bit(motor) & 1
+        raised = running(errors, runs[feedback])
+        counter.add(f"free {motor}", np.flatnonzero(to_all))
+        counter.add(f"feedback {motor}", feedback)
+        counter.add(f"raised {motor}", feedback[raised])
+        for bit in range(8):
+            counter.add(f"raised {motor} bit {bit}", feedback[raised & (errors >> bit & 1 == 1)])
+        counter.add(f"offline {motor}", anyone[running(off, runs[anyone])])
+        for code, kind in enumerate(KINDS):
+            at = np.flatnonzero((kinds == code) & (mine | ~NAMES_MOTOR[kinds]))
+            if COMMANDS[code] and (kind.names_motor or motor == MOTORS[0]):
+                counter.add(f"period {motor} {kind.name}", at)
+                uneven = at[irregular(rows.t_ns[at], runs[at])]
+                counter.add(f"irregular {motor} {kind.name}", uneven)
+        for role, is_target in product((Role.SPEED, Role.POSITION), (True, False)):
             for kind in by_role(role, target=is_target):
                 at = np.flatnonzero(mine & (kinds == KINDS.index(kind)))
                 values = values_at(rows, NAME_OF_ROLE[role], at)
-                counter.add(f"{word} {role} {motor}", at, values)
+                counter.add(f"{'target' if is_target else 'present'} {role} {motor}", at, values)
                 if not is_target:
                     counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])
 
@@ -303,44 +279,43 @@ def since(counts: Counts, t_ns: int) -> dict[str, pl.DataFrame]:
 # Reading
 
 
+class Counted(NamedTuple):
+    """A column: the number of events by window, and the range of their times or values."""
+
+    events: Ints
+    low: Ints
+    high: Ints
+
+
 class Windows:
     """The columns of a port, or of all motors, as arrays over the windows in which rows are."""
 
     def __init__(self, columns: pl.DataFrame, keys: Ints, shift: int) -> None:
         """`keys` are the starts of the windows, shifted by `shift`, rising."""
-        self.keys, self.shift = keys, shift
+        self.shift, self._keys = shift, keys
+        self.starts_ns = keys << shift
+        """The start of each window, rising."""
+        self.width_ns = 1 << shift
         self._columns = columns.partition_by("name", as_dict=True, include_key=False)
 
     def __len__(self) -> int:
-        return len(self.keys)
+        return len(self._keys)
 
-    @property
-    def starts_ns(self) -> Ints:
-        """The start of each window, rising."""
-        return self.keys << self.shift
-
-    @property
-    def width_ns(self) -> int:
-        """Nanoseconds of a window."""
-        return 1 << self.shift
-
-    def _of(self, name: str, column: str, default: int, ufunc: np.ufunc) -> Ints:
-        found = np.full(len(self), default, np.int64)
+    def __getitem__(self, name: str) -> Counted:
+        """A column; without an event its range is the other way round."""
+        found = Counted(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
         if (own := self._columns.get((name,))) is not None and len(self):
             keys = own["window"].to_numpy() >> (self.shift - SHIFT)
-            at = np.minimum(np.searchsorted(self.keys, keys), len(self) - 1)
-            ufunc.at(found, at, own[column].to_numpy())
+            at = np.minimum(np.searchsorted(self._keys, keys), len(self) - 1)
+            names = ("sum count", "least low", "greatest high")
+            ufuncs = (np.add, np.minimum, np.maximum)
+            for values, column, ufunc in zip(found, names, ufuncs, strict=True):
+                ufunc.at(values, at, own[column].to_numpy())
         return found
 
-    def count(self, name: str) -> Ints:
-        """A column of counts."""
-        return self._of(name, "sum count", 0, np.add)
-
-    def range_of(self, name: str) -> tuple[Ints, Ints, Bools]:
-        """The lowest and the highest value by window, and which windows have one."""
-        low = self._of(name, "least low", 2**63 - 1, np.minimum)
-        high = self._of(name, "greatest high", -(2**63), np.maximum)
-        return low, high, high != -(2**63)
+    def total(self, name: str) -> int:
+        """The number of events of a column."""
+        return int(self[name].events.sum())
 
 
 class Events:

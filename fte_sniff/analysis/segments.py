@@ -228,6 +228,20 @@ Counts: TypeAlias = Mapping[str, pl.DataFrame]
 """What is counted in a part of a stream, by name; each is added by `added`."""
 
 
+def extent_of(table: Table) -> Counts:
+    """The number and the times of the counted rows, and the filters that hid others."""
+    rows, at = table.rows, table.counted
+    t_ns = rows.t_ns[at[rows.timed[at]]]
+    ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
+    numbers = (len(at), int(rows.framed[at].sum()), len(t_ns), *ends)
+    names = ("sum rows", "sum frames", "sum timed", "least t", "greatest t")
+    hidden = pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique()
+    return {
+        "extent": pl.DataFrame([numbers], dict.fromkeys(names, pl.Int64), orient="row"),
+        "hidden": hidden,
+    }
+
+
 def summed(parts: Iterable[Counts]) -> dict[str, pl.DataFrame]:
     """The counts of several parts, in the order of time, as those of one; empty without parts."""
     total = dict[str, pl.DataFrame]()

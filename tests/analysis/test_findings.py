@@ -23,9 +23,10 @@ from benchmarks.findings_quality import (
     recording,
 )
 from fte_sniff.analysis import events
-from fte_sniff.analysis.findings import Cause, Report, find_in, spans_of
+from fte_sniff.analysis.findings import Cause, Report, find_in
 from fte_sniff.analysis.findings import find as find_counted
 from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.spans import spans_of
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.items import Gap, GapKind
@@ -241,7 +242,7 @@ def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], most: 
     rows = [feedback(n * SECOND // 5, error=4 * is_raised) for n, is_raised in enumerate(raised)]
     counts = summed(map(events.counted, tables([*rows], most)))
     runs = [len(run) for run in "".join("01"[one] for one in raised).split("0")]
-    found = events.Events(counts).windows.count("raised 1").sum()
+    found = events.Events(counts).windows.total("raised 1")
     assert found == sum(run for run in runs if run >= 3)
 
 
@@ -337,7 +338,7 @@ def test_coverage_counts_what_is_no_finding() -> None:
 def test_spans_are_of_windows_with_events(counts: list[int], burst: int) -> None:
     values = np.array([*counts, *[9] * burst, *counts], np.int64)
     exposed = np.ones(len(values), np.bool_)
-    for start, end, score in spans_of(values, exposed):
+    for score, start, end in spans_of(values, exposed):
         assert values[start] > 0
         assert values[end] > 0
         assert score > 0
