@@ -35,7 +35,7 @@ from fte_sniff.tui.status import Mode
 # The checkout, since the installed package has no `.po` files.
 PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 
-KEYWORDS = ("_", "later", "TranslatableText", "RecordError", "_sentence")
+KEYWORDS = ("_", "later", "TranslatableText", "RecordError")
 """Functions that are called with a text to translate."""
 
 

@@ -32,7 +32,7 @@ from fte_sniff.analysis.relations import (
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Array, Bools, Ints, Rows, fault_bits
+from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
@@ -204,16 +204,9 @@ def _count_port(counter: _Counter, rows: Rows, runs: Ints, own: Ints, port: str)
         found[COLUMN_OF[direction]] = directions == code
         found[f"damaged {direction}"] = is_damaged & (directions == code)
     for fault in Fault:
-        found[f"fault {fault}"] = is_damaged & _is_first(faults, fault)
+        found[f"fault {fault}"] = faults & fault_bits([fault]) != 0
     for name, which in found.items():
         counter.add(name, own[which], port=port)
-
-
-def _is_first(faults: Array, fault: Fault) -> Bools:
-    """Whether a fault is the first one of each row."""
-    bit = fault_bits([fault])
-    first: Bools = (faults & (2 * bit - 1)) == bit
-    return first
 
 
 def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame:
@@ -241,12 +234,13 @@ def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
     online, every = of_feedback[Role.ONLINE], of_feedback[Role.ERRORS]
     counter.add("feedback", anyone)
     counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
-    counter.add("any raised", anyone[(every != 0) & np.isin(nums[anyone], MOTORS)])
     to_all = COMMANDS[kinds] & ~NAMES_MOTOR[kinds]
     for motor in MOTORS:
         mine = nums == motor
         feedback, errors = anyone[mine[anyone]], every[mine[anyone]]
         off = ~online >> motor_bit(motor) & 1
+        counter.add(f"flagged {motor}", feedback[errors != 0])
+        counter.add(f"lacking {motor}", anyone[off == 1])
         raised = running(errors, runs[feedback])
         counter.add(f"free {motor}", np.flatnonzero(to_all))
         counter.add(f"feedback {motor}", feedback)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from math import inf, log
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -33,12 +33,14 @@ from fte_sniff.analysis.segments import Counts, summed
 from fte_sniff.analysis.spans import ALPHA, MOST_SPANS, SERIES, Span, divergence, spans_of
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
-from fte_sniff.protocol import FAULT_MEANINGS, PortEventKind
+from fte_sniff.i18n import later
+from fte_sniff.protocol import PortEventKind
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
     NAME_OF_ROLE,
+    SUSPECT_FAULTS,
     Direction,
     Fault,
     Role,
@@ -288,10 +290,14 @@ class Report:
                 TranslatableText(text, rows=self.extent["sum rows"], causes=listed(covered))
             )
             texts += self._not_findings()
-        for why in dict.fromkeys(missing.values()):
-            causes = listed(cause for cause, reason in missing.items() if reason == why)
+        for causes, why in self.reasons():
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))
         return texts
+
+    def reasons(self) -> Iterator[tuple[str, TranslatableText]]:
+        """The causes that could not be examined, in a list for each reason."""
+        for why in dict.fromkeys(self.not_covered.values()):
+            yield listed(one for one, text in self.not_covered.items() if text == why), why
 
     def _not_findings(self) -> Iterator[TranslatableText]:
         """What is counted, although it makes no finding."""
@@ -306,10 +312,10 @@ class Report:
 
 
 _COUNTED_AS: Final = {
-    Cause.DAMAGE: "malformed rows {count:,}",
-    Cause.ERROR_FLAG: "frames with an ERROR flag {count:,}",
-    Cause.OFFLINE: "frames that lack a bit of ONLINE {count:,}",
-    Cause.UNANSWERED: "commands without an answer {count:,}",
+    Cause.DAMAGE: later("malformed rows {count:,}"),
+    Cause.ERROR_FLAG: later("frames with an ERROR flag {count:,}"),
+    Cause.OFFLINE: later("frames that lack a bit of ONLINE {count:,}"),
+    Cause.UNANSWERED: later("commands without an answer {count:,}"),
 }
 
 
@@ -343,7 +349,7 @@ def _counts(events: Events, missing: Mapping[str, object]) -> dict[Cause, int]:
     windows = events.windows
     found = {
         Cause.DAMAGE: sum(one.total("damaged") for one in events.ports.values()),
-        Cause.ERROR_FLAG: windows.total("any raised"),
+        Cause.ERROR_FLAG: sum(windows.total(f"flagged {one}") for one in MOTORS),
         Cause.OFFLINE: windows.total("any offline"),
         Cause.UNANSWERED: sum(windows.total(f"missed {one}") for one in MOTORS),
     }
@@ -443,7 +449,7 @@ def _of_port(windows: Windows, port: str, own_port: str) -> Iterator[_Series]:
     for kind, meaning in _PORT_EVENTS.items():
         is_error = kind is PortEventKind.LINE_ERROR
         yield _Series(
-            *(Cause.PORT, windows[kind], rows, "{meaning}, {events} times"),
+            *(Cause.PORT, windows[kind], rows, later("{meaning}, {events} times")),
             filter=_and(Fault.LINE_ERROR if is_error else "", own_port),
             port=port,
             values={"meaning": meaning},
@@ -451,12 +457,15 @@ def _of_port(windows: Windows, port: str, own_port: str) -> Iterator[_Series]:
         )
 
 
+_DAMAGE: Final = [one for one in Fault if one not in SUSPECT_FAULTS]
+
+
 def _damage(windows: Windows, port: str, own_port: str, motor: int | None) -> _Series:
     """The damaged rows of a port, or those that probably belong to one of its motors."""
     of = "" if motor is None else f" {motor}"
 
     def values(seen: _Seen) -> _Values:
-        fault = _prevailing(windows, seen, "fault", FAULT_MEANINGS, 0.0)
+        fault = _prevailing(windows, seen, "fault", _DAMAGE, 0.0)
         direction = _prevailing(windows, seen, "damaged", Direction, _MOST)
         usual = _usually(seen.usual)
         numbers = {"events": f"{seen.events:,}", "rows": f"{seen.rows:,}", "usual": usual}
@@ -470,7 +479,7 @@ def _damage(windows: Windows, port: str, own_port: str, motor: int | None) -> _S
 
     return _Series(
         *(Cause.DAMAGE, windows[f"damaged{of}"], windows[f"rows{of}"].events),
-        "{text}; mostly {what}",
+        later("{text}; mostly {what}"),
         _and("malformed", f"motor_hint ={of}" if of else "", own_port),
         motor,
         port=port,
@@ -500,14 +509,16 @@ def _unanswered(windows: Windows, motor: int) -> _Series:
             usual = TranslatableText("usually all")
         found = {"answered": f"{seen.rows - seen.events:,}", "usual": usual}
         if seen.events == windows.total(f"asked {motor}"):
-            found["form"] = "motor {motor} answered none of {rows} commands; other motors answered"
+            found["form"] = later(
+                "motor {motor} answered none of {rows} commands; other motors answered"
+            )
         if windows[f"free {motor}"].events[seen.own].any():
             found["filter"] = f"unanswered AND ({MOTOR} = {motor} OR {MOTOR} IS NULL)"
         return found
 
     return _Series(
         *(Cause.UNANSWERED, windows[f"missed {motor}"], windows[f"asked {motor}"].events),
-        "motor {motor} answered {answered} of {rows} commands; {usual}",
+        later("motor {motor} answered {answered} of {rows} commands; {usual}"),
         f"unanswered AND {MOTOR} = {motor}",
         motor,
         values=values,
@@ -523,8 +534,10 @@ def _late(events: Events, motor: int) -> Iterator[_Series]:
         limit = f"{LATE * usual_ns / 1e6:.3g}"
         yield _Series(
             *(Cause.LATE, events.windows[f"late {motor} {kind.name}"], rows),
-            "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
-            " usually about {usual_ms} ms",
+            later(
+                "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
+                " usually about {usual_ms} ms"
+            ),
             f"answer_ms >= {limit} AND kind = '{kind.name}' AND {MOTOR} = {motor}",
             motor,
             kind.name,
@@ -554,7 +567,9 @@ def _slower(events: Events, motor: int) -> Iterator[Finding]:
         shown = f"answer_ms >= {UNLIKE * others / 1e6:.3g} AND kind = '{kind.name}'"
         series = _Series(
             *(Cause.UNLIKE_OTHERS, counted, counted.events),
-            "motor {motor} answers {kind} after {own} ms (median), the others after {others} ms",
+            later(
+                "motor {motor} answers {kind} after {own} ms (median), the others after {others} ms"
+            ),
             f"{shown} AND {MOTOR} = {motor}",
             motor,
             kind.name,
@@ -578,7 +593,9 @@ def _more_damaged(events: Events, motor: int) -> Iterator[Finding]:
             continue
         series = _Series(
             *(Cause.UNLIKE_OTHERS, windows[f"damaged {motor}"], windows[f"rows {motor}"].events),
-            "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %",
+            later(
+                "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %"
+            ),
             f"malformed AND motor_hint = {motor}",
             motor,
             port=port,
@@ -599,14 +616,14 @@ def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
     if feedback.any():
         yield _Series(
             *(Cause.ERROR_FLAG, windows[f"raised {motor}"], feedback),
-            "motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}",
+            later("motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}"),
             f"{MOTOR} = {motor} AND {errors} != 0",
             motor,
             values=bits,
         )
         yield _Series(
             *(Cause.OFFLINE, windows[f"offline {motor}"], anyone),
-            "{bit} was 0 in {events} of {rows} frames; {usual}",
+            later("{bit} was 0 in {events} of {rows} frames; {usual}"),
             f"{online} & {1 << motor_bit(motor)} = 0",
             motor,
             values={"bit": online_bit_text(motor)},
@@ -644,7 +661,7 @@ def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
     )
     yield _Series(
         *(Cause.SILENCE, counted, active.astype(np.int64)),
-        "motor {motor} sent no feedback for {seconds} s while commands went on",
+        later("motor {motor} sent no feedback for {seconds} s while commands went on"),
         f"{MOTOR} = {motor}",
         motor,
         values=values,
@@ -677,7 +694,9 @@ def _off_target(windows: Windows, motor: int, role: Role) -> Iterator[_Series]:
         Cause.OFF_TARGET,
         Counted(off.astype(np.int64), feedback.low, feedback.high),
         exposed.astype(np.int64),
-        "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}",
+        later(
+            "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}"
+        ),
         f"{MOTOR} = {motor}",
         motor,
         by_role(role, target=True)[0].name,
@@ -690,13 +709,24 @@ def _jumps(windows: Windows, motor: int, role: Role) -> Iterator[_Series]:
     if counted.events.any():
         yield _Series(
             *(Cause.JUMP, counted, windows[f"present {role} {motor}"].events),
-            "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
-            " bytes changed on the line",
+            later(
+                "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
+                " bytes changed on the line"
+            ),
             f"{MOTOR} = {motor}",
             motor,
             by_role(role, target=False)[0].name,
             values={"value": TranslatableText(role)},
         )
+
+
+_UNEVEN: Final = later(
+    "{events} of {rows} periods of {kind} commands differ from the one before; {usual}"
+)
+_UNEVEN_OF_MOTOR: Final = later(
+    "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one before;"
+    " {usual}"
+)
 
 
 def _irregular(windows: Windows) -> Iterator[_Series]:
@@ -707,9 +737,7 @@ def _irregular(windows: Windows) -> Iterator[_Series]:
             yield _Series(
                 *(Cause.IRREGULAR_COMMANDS, windows[f"irregular {of}"]),
                 windows[f"period {of}"].events,
-                ("motor {motor}: " if own else "")
-                + "{events} of {rows} periods of {kind} commands differ from the one before;"
-                " {usual}",
+                _UNEVEN_OF_MOTOR if own else _UNEVEN,
                 _and(f"kind = '{kind.name}'", f"{MOTOR} = {motor}" if own else ""),
                 own,
                 kind.name,
@@ -723,7 +751,7 @@ def ranked(found: list[Finding]) -> list[Finding]:
         if not any(_is_same(one, other) for other in kept):
             kept.append(one)
     kept = [one for one in kept if not any(_explains(other, one) for other in kept)]
-    return _merged_motors(kept)
+    return of_most_motors(kept, _is_common, _together)
 
 
 _SAME: Final = 0.5
@@ -734,6 +762,10 @@ def _is_same(one: Finding, other: Finding) -> bool:
     """Whether both are of one cause and motor: of other thresholds, kinds, or values."""
     own = (one.cause, one.port, one.motor) == (other.cause, other.port, other.motor)
     return own and one.overlap(other) >= _SAME
+
+
+def _is_common(one: Finding, other: Finding) -> bool:
+    return one.cause is other.cause and one.overlap(other) >= _SAME
 
 
 def _explains(one: Finding, other: Finding) -> bool:
@@ -756,36 +788,40 @@ def _includes(one: Finding, other: Finding) -> bool:
     return (part.events >= _MOST * whole.events) == (part is one)
 
 
-def _merged_motors(found: list[Finding]) -> list[Finding]:
-    """Findings of most motors with one cause in one span are one about all of them."""
-    merged, rest = list[Finding](), list(found)
+_One = TypeVar("_One", bound=Any)
+
+
+def of_most_motors(
+    found: Iterable[_One],
+    is_alike: Callable[[_One, _One], bool],
+    of_all: Callable[[list[_One], tuple[int, ...]], Mapping[str, Any]],
+) -> list[_One]:
+    """What is alike of most motors, as one about all of them.
+
+    Args:
+        found: frozen dataclasses with `motor` and `text`; the first of a group stands for it.
+        is_alike: whether two of different motors belong together.
+        of_all: the fields of one about some motors, made of a group.
+    """
+    merged, rest = list[_One](), list(found)
     while rest:
         first = rest.pop(0)
-        same = [
-            one
-            for one in rest
-            if one.cause is first.cause
-            and first.motor is not None
-            and one.motor is not None
-            and one.overlap(first) >= _SAME
-        ]
-        if len({one.motor for one in (first, *same)}) >= len(MOTORS) - 1:
-            group = [first, *same]
-            rest = [one for one in rest if one not in same]
-            motors = sorted({one.motor for one in group if one.motor is not None})
-            first = replace(
-                first,
-                motor=None,
-                first_ns=min(one.first_ns for one in group),
-                last_ns=max(one.last_ns for one in group),
-                events=sum(one.events for one in group),
-                rows=sum(one.rows for one in group),
-                text=TranslatableText(
-                    "motors {motors} alike: {text}",
-                    motors=listed(motors),
-                    text=first.text,
-                ),
-                filter=" OR ".join(f"({one.filter})" for one in group),
-            )
+        group = [first, *(one for one in rest if one.motor and is_alike(one, first))]
+        motors = tuple(sorted({one.motor for one in group if first.motor}))
+        if len(motors) >= len(MOTORS) - 1:
+            rest = [one for one in rest if one not in group]
+            form = "motors {motors} alike: {text}"
+            text = TranslatableText(form, motors=listed(motors), text=first.text)
+            first = replace(first, motor=None, text=text, **of_all(group, motors))
         merged.append(first)
     return merged
+
+
+def _together(group: list[Finding], _motors: tuple[int, ...]) -> Mapping[str, Any]:
+    return {
+        "first_ns": min(one.first_ns for one in group),
+        "last_ns": max(one.last_ns for one in group),
+        "events": sum(one.events for one in group),
+        "rows": sum(one.rows for one in group),
+        "filter": " OR ".join(f"({one.filter})" for one in group),
+    }

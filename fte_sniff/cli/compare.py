@@ -73,9 +73,9 @@ def comparison_lines(found: Comparison, width: int | None) -> Iterator[Text]:
     for number, change in enumerate(found.changes, 1):
         yield Text(f"{number}. {printable(_(change.text))}", overflow="fold")
     if not found.changes and found.numbers:
-        yield Text("no change that is more than chance and large enough to matter")
+        yield Text(_("no change that is more than chance and large enough to matter"))
     for text in found.not_compared:
-        yield Text(f"not compared: {printable(_(text))}", overflow="fold")
+        yield Text(printable(_("not compared: {text}", text=text)), overflow="fold")
     shown = [one for one in found.numbers if one.score or one.measure in _ALWAYS]
     if shown:
         yield Text()
