@@ -273,7 +273,7 @@ def since(counts: Counts, t_ns: int) -> dict[str, pl.DataFrame]:
 # Reading
 
 
-class Counted(NamedTuple):
+class EventCounts(NamedTuple):
     """A column: the number of events by window, and the range of their times or values."""
 
     events: Ints
@@ -295,9 +295,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self._keys)
 
-    def __getitem__(self, name: str) -> Counted:
+    def __getitem__(self, name: str) -> EventCounts:
         """A column; without an event its range is the other way round."""
-        found = Counted(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
+        found = EventCounts(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
         if (own := self._columns.get((name,))) is not None and len(self):
             keys = own["window"].to_numpy() >> (self.shift - SHIFT)
             at = np.minimum(np.searchsorted(self._keys, keys), len(self) - 1)

@@ -21,7 +21,7 @@ import numpy as np
 from fte_sniff.analysis.events import (
     COLUMN_OF,
     RUNNING,
-    Counted,
+    EventCounts,
     Events,
     Windows,
     by_role,
@@ -30,7 +30,7 @@ from fte_sniff.analysis.events import (
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import DEADLINE_NS, LATE, is_off_target
 from fte_sniff.analysis.segments import Counts, summed
-from fte_sniff.analysis.spans import ALPHA, MOST_SPANS, SERIES, Span, divergence, spans_of
+from fte_sniff.analysis.spans import ALPHA, MOST_SPANS, SERIES, BadSpan, divergence, spans_of
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.i18n import later
@@ -182,7 +182,7 @@ class _Series(NamedTuple):
     """The events of one cause by window, and how to describe a span of them."""
 
     cause: Cause
-    counted: Counted
+    counted: EventCounts
     rows: Ints
     """By window, the rows that could have been events."""
     form: str
@@ -206,7 +206,7 @@ class _Series(NamedTuple):
         return TranslatableText(str(form), **{**names, **numbers, **values}), str(shown)
 
 
-def _sure_spans(series: _Series, test: _Test) -> Iterator[Span]:
+def _sure_spans(series: _Series, test: _Test) -> Iterator[BadSpan]:
     """The spans of events that need no comparison, at most `MOST_SPANS`."""
     counted = series.counted
     hits = np.flatnonzero(counted.events)
@@ -216,7 +216,7 @@ def _sure_spans(series: _Series, test: _Test) -> Iterator[Span]:
     for own in np.split(hits, cuts) if len(hits) else ():
         events = int(counted.events[own].sum())
         if events >= (series.sure or test.sure):
-            yield Span(-events * log(_CHANCE), int(own[0]), int(own[-1]))
+            yield BadSpan(-events * log(_CHANCE), int(own[0]), int(own[-1]))
 
 
 def _examined(events: Events, series: _Series, alpha: float) -> Iterator[Finding]:
@@ -229,7 +229,7 @@ def _examined(events: Events, series: _Series, alpha: float) -> Iterator[Finding
     of_all = series.cause is not Cause.DAMAGE or series.motor is None
     if of_all and usual >= test.whole_share and counts.sum() >= _LEAST_EVENTS:
         hits = np.flatnonzero(counts)
-        spans, usual = [Span(float(counts.sum()), int(hits[0]), int(hits[-1]))], 0.0
+        spans, usual = [BadSpan(float(counts.sum()), int(hits[0]), int(hits[-1]))], 0.0
     for score, first, last in spans:
         own = slice(first, last + 1)
         found = _finding(events, series, own, usual, score)
@@ -654,7 +654,7 @@ def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
     starts, near = windows.starts_ns, (width + 1) * windows.width_ns
     before = np.maximum.accumulate(feedback.high)
     after = np.minimum.accumulate(feedback.low[::-1])[::-1]
-    counted = Counted(
+    counted = EventCounts(
         silent.astype(np.int64),
         np.where(before > starts - near, before, commands.low),
         np.where(after < starts + windows.width_ns + near, after, commands.high),
@@ -692,7 +692,7 @@ def _off_target(windows: Windows, motor: int, role: Role) -> Iterator[_Series]:
     off = exposed & is_off_target((present.low, present.high), (lows, highs), role)
     yield _Series(
         Cause.OFF_TARGET,
-        Counted(off.astype(np.int64), feedback.low, feedback.high),
+        EventCounts(off.astype(np.int64), feedback.low, feedback.high),
         exposed.astype(np.int64),
         later(
             "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}"

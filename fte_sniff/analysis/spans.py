@@ -36,7 +36,7 @@ _THRESHOLDS: Final = (1, 2, 3, 5, 8, 13, 21)
 """Events that make a window bad; the one with the highest score counts."""
 
 
-class Span(NamedTuple):
+class BadSpan(NamedTuple):
     """Windows from the first to the last bad one, both included."""
 
     score: float
@@ -51,16 +51,16 @@ def divergence(share: float, expected: float) -> float:
     return inside + ((1 - share) * log((1 - share) / (1 - expected)) if share < 1 else 0.0)
 
 
-def _shortest(hits: Ints, windows: int, count: int) -> Span:
+def _shortest(hits: Ints, windows: int, count: int) -> BadSpan:
     """The shortest span of a number of bad windows; `hits` are all of them."""
     widths = hits[count - 1 :] - hits[: len(hits) - count + 1] + 1
     at = int(widths.argmin())
     share, expected = count / len(hits), int(widths[at]) / windows
     score = len(hits) * divergence(share, expected) if share > expected else 0.0
-    return Span(score, int(hits[at]), int(hits[at + count - 1]))
+    return BadSpan(score, int(hits[at]), int(hits[at + count - 1]))
 
 
-def _best_span(bad: Bools) -> Span | None:
+def _best_span(bad: Bools) -> BadSpan | None:
     """The interval of bad windows that is least probable by chance: of any number of them."""
     hits = np.flatnonzero(bad)
     low, high = _LEAST_WINDOWS, len(hits)
@@ -75,7 +75,7 @@ def _best_span(bad: Bools) -> Span | None:
         low, high = int(counts[max(0, best - 1)]), int(counts[best + 1 :][:1].sum()) or high
 
 
-def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[Span]:
+def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[BadSpan]:
     """The spans in which a count is more frequent than usual.
 
     Args:
@@ -83,7 +83,7 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[Span]:
         exposed: the windows in which an event could have been.
         alpha: bound on the probability of a false one.
     """
-    at, found = np.flatnonzero(exposed), list[Span]()
+    at, found = np.flatnonzero(exposed), list[BadSpan]()
     for _ in range(MOST_SPANS):
         own = counts[at]
         spans = [span for one in _THRESHOLDS if (span := _best_span(own >= one)) is not None]
@@ -92,6 +92,6 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[Span]:
         best, lengths = max(spans), 2 * max(1.0, np.log2(len(at) / 2))
         if best.score < log(len(at) * lengths * len(_THRESHOLDS) * SERIES / alpha):
             break
-        found.append(Span(best.score, int(at[best.first]), int(at[best.last])))
+        found.append(BadSpan(best.score, int(at[best.first]), int(at[best.last])))
         at = np.delete(at, np.s_[best.first : best.last + 1])
     return found
