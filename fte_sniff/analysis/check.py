@@ -28,12 +28,12 @@ from fte_sniff.analysis.durations import Durations, binned
 from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
 from fte_sniff.analysis.findings import Cause, Finding, find, hidden_text
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
-from fte_sniff.analysis.segments import Analysis, Counts
+from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.segments import summed as summed_counts
 from fte_sniff.analysis.table import EMPTY, MOTOR, Table
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType
-from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Row, Rows
+from fte_sniff.protocol.rows import Bools, Ints, Row, Rows
 from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Direction, Role, motor_bit
 
 OPERATORS: Final[Mapping[str, Callable[[Any, float], Any]]] = {
@@ -128,22 +128,8 @@ Part: TypeAlias = tuple[Counts, list[RulePart]]
 
 def counted(table: Table, rules: Sequence[Rule]) -> Part:
     """Count the own rows of a table for some rules."""
-    own, t_ns = table.counted, table.rows.t_ns[table.counted]
-    t_ns = t_ns[t_ns != NO_TIME]
-    ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
     masks = {rule.filter_text: selected(table, rule.filter_text) for rule in rules}
-    extent = {
-        "extent": _numbers(
-            {
-                "sum rows": len(own),
-                "sum timed": len(t_ns),
-                "least t": ends[0],
-                "greatest t": ends[1],
-            }
-        ),
-        "hidden": pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique(),
-    }
-    return extent, [_part(table, masks[rule.filter_text], rule) for rule in rules]
+    return extent_of(table), [_part(table, masks[rule.filter_text], rule) for rule in rules]
 
 
 def selected(table: Table, filter_text: str) -> Bools:
@@ -398,13 +384,16 @@ class Measure(NamedTuple):
     unit: str = ""
     argument: str = ""
     """The pattern of the first argument; empty if it takes only a filter."""
-    counts_events: bool = False
-    """Whether its value is a number of rows that show a violation."""
-    needs_all: bool = False
-    """Whether rows that a filter hid would decide it."""
     like: str = ""
     """A filter for rows like those that show a violation; the rule's operator and number follow
     where it ends with a space."""
+    needs_all: bool = True
+    """Whether rows that a filter hid would decide it."""
+
+    @property
+    def counts_events(self) -> bool:
+        """Whether its value is a number of rows that show a violation."""
+        return self.unit in ("rows", "commands")
 
 
 def _any(words: Iterable[object]) -> str:
@@ -412,80 +401,48 @@ def _any(words: Iterable[object]) -> str:
 
 
 _ROW: Final = "a row"
-_FIELDS: Final = _any(FIELDS)
+_CAUSE: Final = rf"(?:{_any(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?|"
+_CHANGE: Final = rf"(?:{_any(compare.MEASURES)})|"
+_FIELD: Final = "a matching row with the field"
 
-MEASURES: Final[Mapping[str, Measure]] = {
-    "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows", counts_events=True),
+_OF_ROWS: Final = {
+    "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows"),
     "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW),
     "rate": Measure(_matching, _rate, "rate(feedback) >= 30", "two different times", "1/s"),
-    "max_gap": Measure(
-        _gaps,
-        _max_gap,
-        "max_gap(motor = 1) < 0.5",
-        "two matching rows with times",
-        "s",
-        needs_all=True,
-    ),
-    "delay": Measure(
-        _delays,
-        _delay,
-        "delay(p95) < 20",
-        "an answered command with times",
-        "ms",
-        _any(_PERCENTILES),
-        needs_all=True,
-        like="answer_ms ",
-    ),
-    "unanswered": Measure(
-        _states,
-        _unanswered,
-        "unanswered() == 0",
-        "feedback before the commands",
-        "commands",
-        counts_events=True,
-        needs_all=True,
-        like="unanswered",
-    ),
-    "online": Measure(
-        _online_times,
-        _online,
-        "online(1) >= 0.99",
-        "feedback of the motor",
-        argument=_any(MOTORS),
-        needs_all=True,
-        like=str(Direction.FEEDBACK),
-    ),
-    "findings": Measure(
-        _events,
-        _findings,
-        "findings(unanswered, 3) == 0",
-        "rows with times that show the cause",
-        "findings",
-        rf"(?:{_any(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?|",
-        needs_all=True,
-    ),
-    "changed": Measure(
-        _compared,
-        _changed,
-        "changed(delay) == 0",
-        "--baseline, and rows on both sides that can be compared",
-        "changes",
-        rf"(?:{_any(compare.MEASURES)})|",
-        needs_all=True,
-    ),
     **{
-        name: Measure(
-            _values,
-            _value,
-            f"{name}(rpm) <= 300",
-            "a matching row with the field",
-            "",
-            _any(FIELDS),
-        )
+        name: Measure(_values, _value, f"{name}(rpm) <= 300", _FIELD, "", _any(FIELDS))
         for name in ("min", "max", "mean")
     },
     "duration": Measure(
-        _nothing, _duration, "duration() >= 60", "two rows with times", "s", "(?=$)"
+        *(_nothing, _duration, "duration() >= 60", "two rows with times", "s", "(?=$)")
+    ),
+}
+"""Measures that rows which a filter hid do not change."""
+
+MEASURES: Final[Mapping[str, Measure]] = {
+    **{name: one._replace(needs_all=False) for name, one in _OF_ROWS.items()},
+    "max_gap": Measure(
+        *(_gaps, _max_gap, "max_gap(motor = 1) < 0.5", "two matching rows with times", "s")
+    ),
+    "delay": Measure(
+        *(_delays, _delay, "delay(p95) < 20", "an answered command with times"),
+        *("ms", _any(_PERCENTILES), "answer_ms "),
+    ),
+    "unanswered": Measure(
+        *(_states, _unanswered, "unanswered() == 0", "feedback before the commands"),
+        *("commands", "", "unanswered"),
+    ),
+    "online": Measure(
+        *(_online_times, _online, "online(1) >= 0.99", "feedback of the motor"),
+        *("", _any(MOTORS), str(Direction.FEEDBACK)),
+    ),
+    "findings": Measure(
+        *(_events, _findings, "findings(unanswered, 3) == 0"),
+        *("rows with times that show the cause", "findings", _CAUSE),
+    ),
+    "changed": Measure(
+        *(_compared, _changed, "changed(delay) == 0"),
+        *("--baseline, and rows on both sides that can be compared", "changes", _CHANGE),
     ),
 }
 """The measures of the language."""

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from decimal import Decimal
@@ -193,18 +192,9 @@ def zone_of(text: str) -> tzinfo:
     try:
         return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
     except (ValueError, OSError, KeyError):
-        near = _nearest_zone(name, {*available_timezones(), "local"})
-        advice = f"did you mean {near}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
+        near = get_close_matches(name, available_timezones(), n=1, cutoff=0.75)
+        advice = f"did you mean {near[0]}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
         raise InputTextError(f"--zone: {quoted(text)} is not a time zone; {advice}") from None
-
-
-def _nearest_zone(text: str, names: Iterable[str]) -> str:
-    """The zone with the most similar name, or the most similar city; empty if none is similar."""
-    known = {name.lower(): name for name in sorted(names)}
-    known |= {name.rsplit("/", 1)[-1]: full for name, full in known.items() if "/" in name} | known
-    typed = re.sub(r"\s+", "_", text.lower())
-    found = get_close_matches(typed, known, n=1, cutoff=0.75)
-    return known[found[0]] if found else ""
 
 
 def _date_of(t_ns: int, zone: tzinfo) -> date:

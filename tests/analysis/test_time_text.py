@@ -97,14 +97,6 @@ def test_a_time_of_day_uses_the_day_of_its_zone(
     assert clock.on_day_after(late, zone) == time_ns(after)
 
 
-def test_noon_on_the_day_of_a_change_to_summer_time() -> None:
-    morning = time_ns("2026-03-29T00:30Z")
-    noon = clock_time("12:00")
-    assert morning is not None
-    assert noon is not None
-    assert noon.on_day_of(morning, ZoneInfo("Europe/Berlin")) == time_ns("2026-03-29T10:00Z")
-
-
 @pytest.mark.parametrize("text", ["2026-01-31 20:00", "2026-01-31T20:00:00"])
 def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
     assert time_ns(text, CHINA) == NOON_NS
@@ -139,10 +131,6 @@ def test_a_duration(text: str, ns: int | None) -> None:
     ("text", "near"),
     [
         ("Asia/Shanghia", "Asia/Shanghai"),
-        ("asia/shanghai ", "Asia/Shanghai"),
-        ("shanghai", "Asia/Shanghai"),
-        ("new york", "America/New_York"),
-        ("locale", "local"),
         ("CST6", ""),
     ],
 )
