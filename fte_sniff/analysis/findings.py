@@ -117,9 +117,13 @@ class Finding:
 
     def overlap(self, other: Finding) -> float:
         """The common time, as a share of the shorter of both."""
+        return max(self.covers(other), other.covers(self))
+
+    def covers(self, other: Finding) -> float:
+        """The common time, as a share of the other one's."""
         common = min(self.last_ns, other.last_ns) - max(self.first_ns, other.first_ns)
-        shorter = min(self.last_ns - self.first_ns, other.last_ns - other.first_ns)
-        return max(0.0, common / shorter) if shorter else float(common >= 0)
+        whole = other.last_ns - other.first_ns
+        return max(0.0, common / whole) if whole else float(common >= 0)
 
 
 class _Test(NamedTuple):
@@ -771,7 +775,7 @@ def _is_common(one: Finding, other: Finding) -> bool:
 def _explains(one: Finding, other: Finding) -> bool:
     if one is other or other.cause not in _EXPLAINS.get(one.cause, "").split():
         return False
-    if one.overlap(other) < _SAME:
+    if one.covers(other) < _SAME:
         return False
     if one.cause is other.cause:
         return one.cause is Cause.DAMAGE and _includes(one, other)

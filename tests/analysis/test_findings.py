@@ -76,6 +76,14 @@ def test_a_finding_names_the_numbers_of_answers_and_commands() -> None:
     assert text in found.text
 
 
+def test_a_second_offline_does_not_explain_answers_that_are_lost_all_the_time() -> None:
+    rows, _ = rows_with("brief_offline")
+    lost = (rows.directions == 1) & (rows.nums == 3)
+    lost &= np.random.default_rng(1).random(len(rows)) < 0.3
+    found = {(one.cause, one.motor) for one in find(rows.select(~lost))}
+    assert found >= {(Cause.OFFLINE, 3), (Cause.UNANSWERED, 3)}
+
+
 def polled(seconds: int, changes: Callable[[int, int], dict[str, int]]) -> Rows:
     """Feedback of four motors, 20 times a second; `changes` are values by number and motor."""
     return Rows.of(
