@@ -14,9 +14,11 @@ import argparse
 import fcntl
 import os
 import pty
+import re
 import statistics
 import struct
 import subprocess
+import sys
 import termios
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,16 +26,27 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from benchmarks.many_files import PROGRAM, peak_kb
 from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from tests.support.columns import entries
 from tests.support.recorded_rows import PORTS, make_recordings, rows_of
 
+PROGRAM = [sys.executable, "-P", "-m", "fte_sniff"]
+
 FRAMES = 100
 """Frames of each wire in a flush."""
 
 ROUNDS = 3
+
+
+def peak_kb(pid: int) -> int:
+    """The peak memory of a process so far."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return 0
+    found = re.search(r"VmHWM:\s+(\d+) kB", status)
+    return int(found[1]) if found else 0
 
 
 class Reader:

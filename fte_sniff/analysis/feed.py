@@ -30,9 +30,7 @@ class FeedState:
     waiting: bool = False
     """Whether a port is lost, and the source waits for it."""
     rows: int = 0
-    """All rows so far, including those in `not_shown`."""
-    not_shown: int = 0
-    """Rows that were recorded but not passed to the view, because it was too slow."""
+    """All rows so far."""
     progress: float | None = None
     """How much of a file is read, 0 to 1; None for a live source."""
     live: bool = True

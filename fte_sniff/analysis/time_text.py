@@ -66,10 +66,6 @@ class ClockTime:
         """This time on the day of `t_ns`, nanoseconds since 1970 UTC, by default in `zone`."""
         return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
 
-    def on_day_after(self, t_ns: int, zone: tzinfo) -> int:
-        """This time on the next day."""
-        return self._on(_date_of(t_ns, self.of_day.tzinfo or zone) + timedelta(days=1), zone)
-
     def _on(self, day: date, zone: tzinfo) -> int:
         moment = datetime.combine(day, self.of_day, self.of_day.tzinfo or zone)
         return _ns_of(moment) + self.fraction_ns

@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 class Observer:
     """Receives what happens in a capture; this base class does nothing with it."""
 
-    def starting(self) -> None:
-        """Prepare while the capture process opens the port, for example by imports."""
-
     def begun(self, session: LiveSession) -> None:
         """Handle that the port and the recording, if any, are open."""
 
@@ -97,8 +94,8 @@ def capture(
     ending = partial(ending_signals, session.stop, numbers, session.hurry)
     with ExitStack() as handlers:
         handlers.enter_context(ending())
-        for one in observers:
-            one.starting()
+        if drive is not None:  # on another core, the capture process starts meanwhile
+            import fte_sniff.tui.app  # noqa: F401
         session.begin()
         if not session.state.started:
             session.close()

@@ -35,7 +35,6 @@ from fte_sniff.cli.input_files import (
 )
 from fte_sniff.cli.live_data import Datagrams, address_of, data_options
 from fte_sniff.cli.options import (
-    DURATION_EXAMPLE,
     Seconds,
     alert_of,
     alert_option,
@@ -49,7 +48,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FteSniffError, PortError, UsageError, printable, quoted, size_text
+from fte_sniff.errors import FteSniffError, UsageError, printable, quoted, size_text
 from fte_sniff.formats.writers import ALL_COLUMNS, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
@@ -75,9 +74,8 @@ _DURATION = Seconds(min=0, min_open=True)
 
 _BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
-_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
+_SIZE = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
 _MEGA_OR_MINUTES = re.compile(r"\d+(?:\.\d+)?\s*m")
-_MOST_BYTES = 10**18
 _MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
 _MIN_SECONDS = 1.0
@@ -85,22 +83,12 @@ _MIN_SECONDS = 1.0
 
 def _size(text: str) -> int | None:
     """Bytes; None for `none`."""
-    if text.lower() == "none":
-        return None
     found = _SIZE.fullmatch(text)
-    size = float(found[1]) * _BYTES[found[2].lower()] if found else None
-    return round(_bounded(size, _MOST_BYTES, text, "a size; use for example 512MB, 2GB or none"))
-
-
-def _seconds(text: str) -> float:
-    return _bounded(parse_seconds(text), _MOST_SECONDS, text, DURATION_EXAMPLE)
-
-
-def _bounded(value: float | None, most: int, text: str, example: str) -> float:
-    if value is None or value > most:
-        fault = "not" if value is None else "too large for"
-        raise click.BadParameter(f"{quoted(text)} is {fault} {example}")
-    return value
+    if found is None and text.lower() != "none":
+        raise click.BadParameter(
+            f"{quoted(text)} is not a size; use for example 512MB, 2GB or none"
+        )
+    return None if found is None else round(float(found[1]) * _BYTES[found[2].lower()])
 
 
 def _rotate(text: str) -> dict[str, int | float | None]:
@@ -110,18 +98,16 @@ def _rotate(text: str) -> dict[str, int | float | None]:
         raise click.BadParameter(f"{quoted(text)} is ambiguous; write {number}MB or {number}min")
     if _SIZE.fullmatch(text):
         return {"rotate_bytes": _size(text)}
-    if parse_seconds(text) is not None:
-        return {"rotate_s": _seconds(text)}
-    raise click.BadParameter(f"{text!r} is neither a size nor a time; use for example 512MB or 1h")
+    seconds = parse_seconds(text)
+    if seconds is None or seconds > _MOST_SECONDS:
+        raise click.BadParameter(
+            f"{quoted(text)} is neither a size nor a time; use for example 512MB or 1h"
+        )
+    return {"rotate_s": seconds}
 
 
 def _parsed_by(parse: Callable[[str], object]) -> Callable[..., object]:
     return lambda _context, _option, text: None if text is None else parse(text)
-
-
-def _compact(size: int | None) -> str:
-    """A size as a user types it: `20GB`."""
-    return "none" if size is None else size_text(size).replace(" ", "")
 
 
 recording_options = (
@@ -142,7 +128,8 @@ recording_options = (
         callback=_parsed_by(_size),
         metavar="SIZE",
         help="Leave this much free on the disk: recording waits for space.  "
-        f"[default: {_compact(DEFAULT_FREE_BYTES)}, less on a small or full disk]",
+        f"[default: {size_text(DEFAULT_FREE_BYTES).replace(' ', '')},"
+        " less on a small or full disk]",
     ),
 )
 """Options of a recording; `options_from` reads them."""
@@ -212,21 +199,15 @@ def options_from(
         raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
     if found.rotate_s is not None and found.rotate_s < _MIN_SECONDS:
         raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
-    if max_size is not None:
-        _check_total(max_size, found)
+    if max_size is not None and max_size < _MIN_FILE:
+        raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
+    if max_size is not None and max_size < 2 * (found.rotate_bytes or 0):
+        raise UsageError("--max-size must have room for two files of --rotate; raise it")
     return found
 
 
 _UNRECORDED = RecordingOptions(keep_bytes=256_000_000, min_free_bytes=0)
 """Of the file through which the rows of an unrecorded capture go."""
-
-
-def _check_total(max_size: int, found: RecordingOptions) -> None:
-    """Raise UsageError if the newest files cannot be kept within a total size."""
-    if max_size < _MIN_FILE:
-        raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
-    if max_size < 2 * (found.rotate_bytes or 0):
-        raise UsageError("--max-size must have room for two files of --rotate; raise it")
 
 
 def _check_output(output: Path) -> None:
@@ -325,7 +306,7 @@ def run_capture(
     silence_s = plan.silence_s if silence is None else silence
     silence_s = min(silence_s, silence_of(alert_text) or silence_s)
     plan = replace(plan, shows_rows=not headless, silence_s=silence_s)
-    drive = None
+    drive, observers = None, list[Observer]()
     if headless:
         others = {
             "--plain": plain,
@@ -337,7 +318,7 @@ def run_capture(
         _check_headless(plan, [name for name, given in others.items() if given])
         ports_text = printable(" and ".join(plan.wiring.names))
         intro = f"capturing {ports_text}, recording to"
-        observers = [Announcer(plan, intro), CaptureReport(plan, follows_files=True)]
+        observers += [CaptureReport(plan, intro, names_files=True)]
     elif plain or form or columns or not (sys.stdout.isatty() and sys.stdin.isatty()):
         printed = OutputFormat(form or ("csv" if columns else "table"))
         check_columns(columns, printed)
@@ -349,7 +330,7 @@ def run_capture(
             ports=len(plan.wiring.names) > 1,
             zone=shown_zone or UTC,
         )
-        observers = [Announcer(plan), CaptureReport(plan), lines]
+        observers += [CaptureReport(plan), lines]
     else:
         from fte_sniff.tui.options import StartOptions
 
@@ -365,15 +346,15 @@ def run_capture(
             warnings=settings.trouble,
             zone=shown_zone,
         )
-        rest = RestOfScreen(plan)
-        screen = Screen(start, rest)
-        observers, drive = [screen, Announcer(plan, intro=None), rest], screen.show
+        screen = Screen(start)
+        observers += [screen, CaptureReport(plan, intro=None)]
+        drive = screen.show
     if udp is not None:
         address = address_of(udp, "--udp", network=network)
-        observers = [*observers, Datagrams(address, row_filter(filter_text, shown_zone))]
+        observers.append(Datagrams(address, row_filter(filter_text, shown_zone)))
     if serve is not None:
         server_address = address_of(serve, "--serve", network=network)
-        observers = [*observers, FoxgloveServer(server_address, plan.wiring.names, origins)]
+        observers.append(FoxgloveServer(server_address, plan.wiring.names, origins))
     elif origins:
         raise UsageError("--allow-origin works with --serve; add it")
     sys.exit(capture(plan, observers, _ending_signals(plan), drive))
@@ -389,32 +370,6 @@ def _check_headless(plan: CapturePlan, others: Sequence[str]) -> None:
         raise UsageError(f"--headless shows no rows; leave out {others[0]}")
     if plan.is_temporary:
         raise UsageError("--headless records to files; leave out --no-record")
-
-
-class Announcer(Observer):
-    """Prints where the capture goes: when it begins, and when everything is recorded."""
-
-    def __init__(self, plan: CapturePlan, intro: str | None = "recording to") -> None:
-        """`intro` stands before the name of the recording; None prints it only at the end."""
-        self._plan, self._intro = plan, intro
-
-    def begun(self, session: LiveSession) -> None:
-        """Print the file, and what a user may have to do."""
-        state = session.state
-        if self._intro is not None:
-            if state.device is not None:
-                print_err(f"a host program can open {printable(state.device)}")
-            if state.recording is not None and not state.is_temporary:
-                print_err(f"{self._intro} {state.recording}")
-        if self._plan.outlives_view:
-            pid = session.capture_pid
-            print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
-
-    def ended(self, session: LiveSession) -> None:
-        """Print the files that were recorded."""
-        state = session.state
-        if state.outcome is not None and state.recording is not None and not state.is_temporary:
-            _print_recording(state.recordings, state.recording, state.outcome)
 
 
 def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
@@ -442,43 +397,60 @@ _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEve
 
 
 class CaptureReport(Observer):
-    """Prints port events and problems as they come, and the summary at the end."""
+    """Prints where the capture goes, its port events and problems, and the summary at the end."""
 
-    def __init__(self, plan: CapturePlan, *, follows_files: bool = False) -> None:
-        """With `follows_files` each file after the first one is reported."""
-        self._limit = plan.count
+    def __init__(
+        self, plan: CapturePlan, intro: str | None = "recording to", *, names_files: bool = False
+    ) -> None:
+        """`intro` stands before the name of the recording; None prints only the end.
+
+        With `names_files`, each file after the first one is reported.
+        """
+        self._plan, self._intro, self._names_files = plan, intro, names_files
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
-        self._failure: FteSniffError | None = None
+        self._failure = ""
         self._recording: str | None = None
-        self._follows_files = follows_files
 
     def begun(self, session: LiveSession) -> None:
-        """Remember the first file."""
-        self._recording = str(session.state.recording)
+        """Print the file, and what a user may have to do."""
+        state = session.state
+        self._recording = str(state.recording)
+        if self._intro is not None:
+            if state.device is not None:
+                print_err(f"a host program can open {printable(state.device)}")
+            if not state.is_temporary:
+                print_err(f"{self._intro} {state.recording}")
+        if self._plan.outlives_view:
+            pid = session.capture_pid
+            print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Count the rows; print the events, and an error of the capture once."""
+        self._tally.observe(update.rows)
+        if self._intro is None:
+            return
         for event in update.events:
             self._print_event(event)
-        if update.state.running and not isinstance(session.state.error, PortError):
+        if update.state.running:
             self._print_problem(session.state.error, update.state.recording)
-        self._tally.observe(update.rows)
 
     def ended(self, session: LiveSession) -> None:
-        """Print the summary."""
+        """Print the summary, and the files that were recorded."""
+        state = session.state
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        _print_summary(self._tally, session, self._limit)
+        print_err(summary(self._tally, unframed=state.progress.waiting, limit=self._plan.count))
+        if state.outcome is not None and state.recording is not None and not state.is_temporary:
+            _print_recording(state.recordings, state.recording, state.outcome)
 
     def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
         """Report once that the recording has stopped, and the file in which it continues."""
-        if failure is not None and str(failure) != str(self._failure):
-            self._failure, self._recording = failure, None
-            print_err(str(failure))
-        reports = self._follows_files or self._failure is not None
-        if reports and recording and recording != self._recording:
+        if failure is not None and str(failure) != self._failure:
+            self._failure, self._recording = str(failure), None
+            print_err(self._failure)
+        if (self._names_files or self._failure) and recording and recording != self._recording:
             self._recording = recording
             print_err(f"recording goes on in {recording}")
 
@@ -531,58 +503,25 @@ class PlainLines(Observer):
         sys.stdout.flush()
 
 
-class RestOfScreen(Observer):
-    """Counts the rows that come after the screen was closed, and prints the summary of all."""
-
-    def __init__(self, plan: CapturePlan) -> None:
-        self._limit = plan.count
-        self._tally: Tally | None = None
-
-    def begin_with(self, tally: Tally) -> None:
-        """Count from here on, beginning with the rows that the screen has shown."""
-        self._tally = tally
-
-    def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Count the rows."""
-        if self._tally is not None:
-            self._tally.observe(update.rows)
-
-    def ended(self, session: LiveSession) -> None:
-        """Print the summary, if there was a screen."""
-        if self._tally is not None:
-            _print_summary(self._tally, session, self._limit)
-
-
 class Screen(Observer):
     """The screen; it polls the capture itself, and prints at the end where notes were saved."""
 
-    def __init__(self, options: StartOptions, rest: RestOfScreen) -> None:
-        self._options, self._rest = options, rest
+    def __init__(self, options: StartOptions) -> None:
+        self._options = options
         self._notes: Notes | None = None
-
-    def starting(self) -> None:
-        """Import the screen while the capture process starts on another core."""
-        import fte_sniff.session.notes
-        import fte_sniff.tui.app  # noqa: F401
 
     def show(self, session: LiveSession) -> int:
         """Show the screen until the user leaves it; the exit code is not 0 if it failed."""
         from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
-        self._rest.begin_with(Tally())  # if the end comes before the screen
         files = [path for path in session.state.recordings if path.is_file()]
         self._notes = Notes(dict.fromkeys(files))
         if session.stopping:
             return 0
-        options = replace(self._options, notes=self._notes)
-        return run_screen(session, options, on_exit=self._rest.begin_with)
+        return run_screen(session, replace(self._options, notes=self._notes))
 
     def ended(self, session: LiveSession) -> None:
         """Print where the notes were saved."""
         if self._notes is not None:
             print_saved(self._notes)
-
-
-def _print_summary(tally: Tally, session: LiveSession, limit: int | None) -> None:
-    print_err(summary(tally, unframed=session.state.progress.waiting, limit=limit))

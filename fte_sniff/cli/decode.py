@@ -17,6 +17,7 @@ from fte_sniff.cli.input_files import (
     exit_if_unreadable,
     follow_option,
     input_options,
+    is_typed,
     output_options,
     print_notes,
     summary,
@@ -30,7 +31,6 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
-from fte_sniff.protocol import Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -74,17 +74,16 @@ def command(
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
     ending = nullcontext() if following is None else ending_signals(following.stop)
-    with ending, progress_line(reads_stdin=STDIN in query.files) as line:
+    # Rows on standard output show themselves how far it is.
+    with ending, progress_line(shown=not _is_stdout(output) and not is_typed(query.files)) as line:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and following is None and STDIN not in query.files
         reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
-        hidden = line.hidden_by_stdout if _is_stdout(output) else nullcontext
         with _opened(written, output, reading, line, force=force) as sink:
             for item in reading:
-                with hidden() if isinstance(item, Rows) else nullcontext():
-                    sink.write(item)
+                sink.write(item)
     print_notes(reading)
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")

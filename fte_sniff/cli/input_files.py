@@ -3,8 +3,7 @@
 `--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
 
     2026-01-31T12:00:05.25Z      a date and time, see `analysis.time_text`
-    12:00:05  20:00:05+08:00     a time of day on the date of the first row; for `--to` the first
-                                 after `--from`, possibly on the next day
+    12:00:05  20:00:05+08:00     a time of day on the date of the first row
     +10s  +1m30s  +250ms         this long after the first row
     -10s                         this long before the last row
 """
@@ -18,7 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
-from datetime import UTC, time, tzinfo
+from datetime import UTC, tzinfo
 from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -30,7 +29,6 @@ import click
 
 from fte_sniff.analysis.time_text import (
     SECOND_NS,
-    ClockTime,
     clock_time,
     day_of,
     duration_ns,
@@ -172,7 +170,7 @@ span_options = all_of(
         "--to",
         "until",
         metavar="TIME",
-        help="Only rows before this time; as --from. A time of day is the first one after --from.",
+        help="Only rows before this time; as --from.",
     ),
 )
 
@@ -198,29 +196,27 @@ def time_range(
         return None
     from fte_sniff.recording.reader import TimeRange
 
-    zone = zone or UTC
     bounds = cache(lambda: _bounds(times))
     span = TimeRange()
-    first = span.first_ns if since is None else _time(since, "--from", bounds, zone)
+    first, end = span.first_ns, span.end_ns
+    if since is not None:
+        first = _time(since, "--from", bounds, zone or UTC)
     if first > span.end_ns:
         raise InputTextError(
             f"--from: {quoted(since or '')} is after {iso_time(span.end_ns)}, and so after any row"
         )
-    end = span.end_ns
     if until is not None:
-        end = _end(until, None if since is None else first, bounds, zone)
+        end = _time(until, "--to", bounds, zone or UTC)
     if since is not None and until is not None and first >= end:
+        is_clock = clock_time(since) is not None or clock_time(until) is not None
+        hint = (
+            " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
+        )
         raise UsageError(
             f"--from {shortened(since)} is not before --to {shortened(until)};"
-            f" no row is between them{_hint(since, until)}"
+            f" no row is between them{hint if is_clock else ''}"
         )
     return TimeRange(first, min(end, span.end_ns))
-
-
-def _hint(since: str, until: str) -> str:
-    if clock_time(since) is None and clock_time(until) is None:
-        return ""
-    return " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
 
 
 def _bounds(times: Iterable[Times]) -> Times:
@@ -233,55 +229,30 @@ def _bounds(times: Iterable[Times]) -> Times:
 
 def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
     wanted = text.strip()
-    if wanted[:1] in ("+", "-"):
-        first, last = _known(bounds(), option, text)
-        length = _length(wanted[1:], option)
-        if wanted[0] == "+":
-            return first + length
-        if last is None:
-            raise UsageError(
-                f"{option} {shortened(text)}: the last time of the input is not known before it is"
-                " read; write the time in full, or from the first row, as +10s"
-            )
-        return last - length
-    if (clock := clock_time(wanted)) is not None:
-        first, _ = _known(bounds(), option, text)
-        return clock.on_day_of(first, zone)
-    return _absolute(wanted, option, zone)
-
-
-def _end(text: str, since_ns: int | None, bounds: Callable[[], Times], zone: tzinfo) -> int:
-    """The time of `--to`; a time of day is the first after the start, if rows reach that date."""
-    clock = clock_time(text)
-    if clock is None:
-        return _time(text, "--to", bounds, zone)
-    first, last = _known(bounds(), "--to", text)
-    begin = first if since_ns is None else since_ns
-    end = clock.on_day_of(begin, zone)
-    midnight = ClockTime(time(tzinfo=clock.of_day.tzinfo)).on_day_after(begin, zone)
-    return (
-        clock.on_day_after(begin, zone)
-        if end <= begin and (last is None or midnight <= last)
-        else end
-    )
-
-
-def _known(bounds: Times, option: str, text: str) -> tuple[int, int | None]:
-    if bounds is None:
+    clock = clock_time(wanted)
+    if clock is None and wanted[:1] not in ("+", "-"):
+        return _absolute(wanted, option, zone)
+    if (known := bounds()) is None:
         raise UsageError(
             f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
             " began, or give a recording or a dated log, with rows"
         )
-    return bounds
-
-
-def _length(text: str, option: str) -> int:
-    length = duration_ns(text)
+    first, last = known
+    if clock is not None:
+        return clock.on_day_of(first, zone)
+    length = duration_ns(wanted[1:])
     if length is None:
         raise InputTextError(
-            f"{option}: {quoted(text)} is not a duration; write 10s, 1m30s or 250ms"
+            f"{option}: {quoted(wanted[1:])} is not a duration; write 10s, 1m30s or 250ms"
         )
-    return length
+    if wanted[0] == "+":
+        return first + length
+    if last is None:
+        raise UsageError(
+            f"{option} {shortened(text)}: the last time of the input is not known before it is"
+            " read; write the time in full, or from the first row, as +10s"
+        )
+    return last - length
 
 
 def _absolute(text: str, option: str, zone: tzinfo) -> int:
@@ -593,6 +564,11 @@ def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
     for path in files:
         if output is not None and is_same_file(path, output):
             raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
+
+
+def is_typed(files: Sequence[Path]) -> bool:
+    """Whether the user types what is read."""
+    return STDIN in files and sys.stdin.isatty()
 
 
 def _is_filter(text: str) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
+from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, is_typed, print_notes
 from fte_sniff.cli.options import all_of, format_option
 from fte_sniff.cli.streams import EXIT_INTERRUPTED, print_err, progress_line
 from fte_sniff.errors import FileError, UsageError, printable
@@ -127,7 +127,7 @@ def measure(
             raise UsageError("--jobs is for this machine; leave it out with --cluster")
         check_address(many.cluster)
     measurement, wanted = Measurement(analysis), query.row_filter()
-    with progress_line(reads_stdin=STDIN in query.files) as line:
+    with progress_line(shown=not is_typed(query.files)) as line:
         reading = query.read(None, progress=line.progress, pair=many.pair)
         measured, jobs = FilesMeasured(reading), min(many.jobs or 1, len(reading.groups))
         if observer is not None:

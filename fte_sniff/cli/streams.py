@@ -14,15 +14,14 @@ import mmap
 import os
 import select
 import signal
-import stat
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 from time import monotonic
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -168,15 +167,6 @@ def _blocked(descriptor: int) -> bool:
     return not poll.poll(0)
 
 
-def has_no_reader(descriptor: int) -> bool:
-    """True if a pipe has lost its reader; False where only a write finds out."""
-    if not POSIX:
-        return False
-    poll = select.poll()
-    poll.register(descriptor, 0)
-    return any(event & select.POLLERR for _, event in poll.poll(0))
-
-
 OUTPUT_PATIENCE_S = 3.0
 """Seconds that a blocked output may delay the exit."""
 
@@ -310,7 +300,7 @@ else:
 
 
 PATIENCE_S: Final = 2.0
-"""How long reading, or a terminal without a new row, is silent before the line appears."""
+"""How long reading takes before the line appears."""
 
 _INTERVAL_S: Final = 0.2
 _LONGEST_WAIT_S: Final = 1.0
@@ -322,77 +312,46 @@ _ERASE: Final = "\r\x1b[K"
 
 
 class ProgressLine:
-    """Shows a `Progress` while it takes long; rows that go to the same terminal hide it."""
+    """Shows a `Progress` while it takes long."""
 
     def __init__(self, progress: Progress, *, shown: bool) -> None:
         """Show nothing yet, and nothing at all without `shown`."""
         self.progress = progress
-        self._lock, self._ended = Lock(), Event()
-        self._start = self._quiet_since = monotonic()
-        self._is_drawn = False
+        self._ended, self._start = Event(), monotonic()
         self._thread = Thread(target=self._run, name="shows progress", daemon=True)
         if shown:
             self._thread.start()
-
-    @contextmanager
-    def hidden_by_stdout(self) -> Iterator[None]:
-        """Context that hides the line while rows are written to a terminal, or to a pipe.
-
-        A pipe may lead to a pager, which has the terminal for itself.
-        """
-        if not self._thread.is_alive() or _is_file(sys.stdout):
-            yield
-            return
-        with self._lock:
-            self._erase()
-            yield
-            self._quiet_since = monotonic()
-
-    def _erase(self) -> None:
-        if self._is_drawn:
-            self._is_drawn = False
-            _write(_ERASE)
 
     def end(self) -> None:
         """Erase the line for good."""
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join(_LONGEST_WAIT_S)
-        if not self._thread.is_alive():
-            self._erase()
 
     def _run(self) -> None:
-        wait_s = PATIENCE_S
-        while not self._ended.wait(wait_s):
-            wait_s = _INTERVAL_S
-            with self._lock:
-                if monotonic() - self._quiet_since >= PATIENCE_S and not self._ended.is_set():
-                    self._is_drawn = True
-                    text = progress_text(self.progress, monotonic() - self._start)
-                    _write(f"{_ERASE}{text[: _columns() - 1]}")
+        if self._ended.wait(PATIENCE_S):
+            return
+        while True:
+            text = progress_text(self.progress, monotonic() - self._start)
+            _write(f"{_ERASE}{text[: _columns() - 1]}")
+            if self._ended.wait(_INTERVAL_S):
+                _write(_ERASE)
+                return
 
 
 @contextmanager
-def progress_line(*, reads_stdin: bool = False) -> Iterator[ProgressLine]:
+def progress_line(*, shown: bool = True) -> Iterator[ProgressLine]:
     """Context that shows a new `Progress` while the commands in it read files.
 
-    It shows nothing unless standard error is a terminal, or if the user types what is read.
+    It shows nothing unless standard error is a terminal, or without `shown`.
     """
     from fte_sniff.session.inputs import Progress
 
-    typed = reads_stdin and sys.stdin.isatty()
-    line = ProgressLine(Progress(), shown=sys.stderr.isatty() and not typed)
+    line = ProgressLine(Progress(), shown=shown and sys.stderr.isatty())
     try:
         yield line
     finally:
         line.end()
-
-
-def _is_file(stream: TextIO) -> bool:
-    try:
-        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
-    except OSError:  # it is closed
-        return True
 
 
 def _write(text: str) -> None:

@@ -84,7 +84,7 @@ def command(
         query = replace(query, files=(_latest(),))
     check_inputs(query.files)
     from fte_sniff.session.notes import Notes
-    from fte_sniff.session.replay import Played, ReplaySession
+    from fte_sniff.session.replay import ReplaySession, played
     from fte_sniff.session.user_state import read_place
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
@@ -100,8 +100,9 @@ def command(
     setup = settings.line_setup(ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
+    shown = chain(opening_items, items)
     session = ReplaySession(
-        chain(opening_items, items),
+        shown if play_speed is None else played(shown, play_speed),
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
@@ -121,8 +122,7 @@ def command(
         place=place if play_speed is None else replace(place, cursor=None),
         save_place=partial(_keep_place, paths, place),
     )
-    feed = session if play_speed is None else Played(session, play_speed)
-    code = run_screen(feed, opening)
+    code = run_screen(session, opening)
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()

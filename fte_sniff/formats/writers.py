@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, tzinfo
 from enum import StrEnum
-from io import BytesIO
+from io import BytesIO, TextIOWrapper
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Protocol, TextIO, TypeAlias
 
@@ -121,7 +121,12 @@ class JsonlWriter:
         frame, lines = self._frame_of(rows), BytesIO()
         texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
         texts.select(self._columns).write_ndjson(lines)
-        self._stream.write(printable_json(lines.getvalue().decode()))
+        data = lines.getvalue()
+        if data.isascii() and isinstance(self._stream, TextIOWrapper):
+            self._stream.flush()
+            self._stream.buffer.write(data)  # the bytes that polars wrote, as they are
+        else:
+            self._stream.write(printable_json(data.decode()))
 
     def close(self) -> None:
         """Do nothing: all rows are written."""

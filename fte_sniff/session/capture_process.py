@@ -91,7 +91,10 @@ class Reporter:
         self._thread.join()
 
     def _run(self) -> None:
-        """Send messages, and progress between them: the view kills what sends nothing."""
+        """Send messages, and progress between them.
+
+        The view kills a capture that sends nothing: one that waits for the disk still reports that.
+        """
         message: Message | None = None
         last = CaptureStatus()
         try:
@@ -100,7 +103,7 @@ class Reporter:
                     message = self._waiting.get(timeout=_REPORT_EVERY_S)
                 except Empty:
                     message = self.progress()
-                    if message == last:
+                    if message == last and not message.is_slow:
                         continue
                     last = message
                 self._sent.write(line_of(message))

@@ -108,9 +108,8 @@ class Notes:
         """What could not be read, one line each."""
         self.written: list[Path] = []
         """Files that were written."""
-        self._announced: set[Path] = set()
         self._pending: list[Note] = []
-        self._lock, self._saving = Lock(), Lock()
+        self._saving = Lock()
         self.notes: dict[RowKey, Note] = {}
         for _, path in self._starts:
             for note in self._read(path):
@@ -157,44 +156,34 @@ class Notes:
         return before[-1] if before else self._starts[0][1]
 
     def news(self, key: RowKey) -> Path | None:
-        """The file in which notes on a row are stored; None if that was reported before."""
+        """The file in which a note on a row is stored; None if it was written before."""
         path = self.path_of(key)
-        if path is None or path in self._announced:
-            return None
-        self._announced.add(path)
-        return path
+        return None if path in self.written else path
 
     def set(self, note: Note) -> None:
         """Add, replace or remove a note; `save` writes it."""
         self._apply(note)
-        with self._lock:
-            self._pending.append(note)
+        self._pending.append(note)
 
     def save(self) -> str | None:
         """Append the changes; returns what went wrong, if anything. Any thread may call it.
 
         Changes that cannot be written are kept, and tried again by the next call.
         """
-        trouble: str | None = None
         with self._saving:
-            with self._lock:
-                taken, self._pending = self._pending, []
-            by_path: dict[Path, list[Note]] = {}
-            for note in taken:
-                if (path := self.path_of(note.key)) is not None:
-                    by_path.setdefault(path, []).append(note)
-            for path, notes in by_path.items():
-                try:
-                    _append(path, "".join(note.line() for note in notes).encode())
-                except OSError as error:
-                    text = "the notes are not saved: {path}: {why}"
-                    trouble = TranslatableText(text, path=path, why=reason_of(error))
-                    with self._lock:
-                        self._pending = notes + self._pending
-                    continue
-                if path not in self.written:
-                    self.written.append(path)
-        return trouble
+            while self._pending:
+                note = self._pending[0]
+                path = self.path_of(note.key)
+                if path is not None:
+                    try:
+                        _append(path, note.line().encode())
+                    except OSError as error:
+                        text = "the notes are not saved: {path}: {why}"
+                        return TranslatableText(text, path=path, why=reason_of(error))
+                    if path not in self.written:
+                        self.written.append(path)
+                del self._pending[0]
+        return None
 
 
 def _append(path: Path, data: bytes) -> None:

@@ -5,20 +5,24 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.items import Change
-from fte_sniff.protocol.rows import NO_ROWS, NO_TIME, Item, Rows
+from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.following import Following
+from fte_sniff.session.merge import EVER
 
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
+
+PLAY_EVERY_S = 0.02
+"""Interval at which rows are played."""
 
 MAX_ROWS_PER_POLL = 200_000
 """A poll returns at most about this many rows, so that a screen can draw in between."""
@@ -63,42 +67,34 @@ class ReplaySession:
             files: paths of the files.
             following: None for a file that does not grow.
         """
-        self._following = following
-        self._is_live = False
-        self._expected_rows, self._files = total, files
-        self._source = items
-        self._title = title
-        self._rows = 0
-        self._stop = threading.Event()
-        self._resumed = threading.Event()
-        self._polled_rows = False
+        self._following, self._expected_rows, self._files = following, total, files
+        self._source, self._title = items, title
+        self._stop, self._resumed = threading.Event(), threading.Event()
         self._losses: list[str] = []
+        self._rows, self._running, self._is_live = 0, True, False
         self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
-        self._running = True
-        self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
-        self._thread.start()
+        threading.Thread(target=self._run, name="reads the file", daemon=True).start()
 
     def poll(self) -> FeedUpdate:
         """Return what was read since the previous poll, without blocking."""
-        if self._polled_rows:
+        reads, start = list[Item](), self._rows
+        if start:
             self._resumed.set()
-        reads: list[Item] = []
-        while self._running and _has_room(reads):
+        while self._running and self._rows - start < MAX_ROWS_PER_POLL:
             try:
-                batch = self._queue.get_nowait()
+                item = self._queue.get_nowait()
             except queue.Empty:
                 break
-            if batch is None:
+            if item is None:
                 self._running = False
-            else:
-                reads.append(batch)
-        if self._following is not None and self._following.is_up_to_date and self._queue.empty():
-            self._is_live = True
-        for item in reads:
+                break
+            reads.append(item)
+            self._rows += len(item) if isinstance(item, Rows) else 0
             if isinstance(item, Gap) and item.kind is GapKind.DAMAGE:
                 self._losses.append(item.reason)
-            self._rows += len(item) if isinstance(item, Rows) else 0
-        self._polled_rows |= bool(reads)
+        self._is_live |= (
+            self._following is not None and self._following.is_up_to_date and self._queue.empty()
+        )
         return update_of(self._state(), reads)
 
     def stop(self) -> None:
@@ -109,44 +105,39 @@ class ReplaySession:
             self._following.stop()
 
     def _state(self) -> FeedState:
-        progress = None
-        if self._running and self._expected_rows:
-            progress = min(1.0, self._rows / self._expected_rows)
+        following, ended = self._following, None
+        if not self._running:
+            ended = following.ended if following is not None else None
+            ended = self.error.message if self.error is not None else ended
+        total = self._expected_rows if self._running else None
         return FeedState(
-            title=self._title if self._following is None else self._following.name,
+            title=self._title if following is None else following.name,
             running=self._running,
-            ended=None if self._running else self._end(),
+            ended=ended,
             trouble=_damaged(self._losses),
             live=self._is_live,
-            follows=self._following is not None,
+            follows=following is not None,
             rows=self._rows,
-            progress=progress,
+            progress=min(1.0, self._rows / total) if total else None,
             files=self._files,
         )
 
-    def _end(self) -> str | None:
-        """Why the rows ended; None at the end of a file that does not grow."""
-        if self.error is not None:
-            return self.error.message
-        return None if self._following is None else self._following.ended
-
     def _run(self) -> None:
         try:
-            for batch in self._source:
-                if not self._put(batch):
+            for item in self._source:
+                if not self._put(item):
                     return
-                self._resumed.wait()
+                if isinstance(item, Rows) and len(item):
+                    self._resumed.wait()
         except FteSniffError as error:
             self.error = error
         self._put(None)
 
-    def _put(self, batch: Item | None) -> bool:
+    def _put(self, item: Item | None) -> bool:
         while not self._stop.is_set():
-            try:
-                self._queue.put(batch, timeout=0.1)
-            except queue.Full:
-                continue
-            return True
+            with suppress(queue.Full):
+                self._queue.put(item, timeout=0.1)
+                return True
         return False
 
 
@@ -163,58 +154,30 @@ def _damaged(losses: Sequence[str]) -> str | None:
     )
 
 
-def _has_room(reads: list[Item]) -> bool:
-    return sum(len(read) for read in reads if isinstance(read, Rows)) < MAX_ROWS_PER_POLL
+def played(
+    items: Iterable[Item],
+    speed: float,
+    clock: Callable[[], int] = time.monotonic_ns,
+    wait: Callable[[float], None] = time.sleep,
+) -> Iterator[Item]:
+    """The items as fast as they came, or `speed` times as fast, by a clock in nanoseconds.
 
-
-class Played:
-    """Another feed's rows as fast as they came, or `speed` times as fast."""
-
-    def __init__(
-        self, feed: Feed, speed: float, clock: Callable[[], int] = time.monotonic_ns
-    ) -> None:
-        """Play from now on, by a clock in nanoseconds."""
-        self._feed, self._speed, self._clock = feed, speed, clock
-        self._rows, self._given = NO_ROWS, 0
-        self._changes: list[Change] = []
-        self._events: list[PortEvent] = []
-        self._began: tuple[int, int] | None = None
-        """Time of the clock and of the rows at the start."""
-
-    def poll(self) -> FeedUpdate:
-        """The rows whose time has come."""
-        update = self._feed.poll()
-        self._changes += _shifted(update.changes, len(self._rows))
-        self._events += update.events
-        self._rows = Rows.concat([one for one in (self._rows, update.rows) if len(one)])
-        count = self._due_rows()
-        last_ns = int(self._rows.t_ns[:count].max(initial=NO_TIME))
-        is_over = count == len(self._rows) and not update.state.running
-        rows, self._rows = self._rows[:count], self._rows[count:]
-        changes = [one for one in self._changes if one.index < count or is_over]
-        self._changes = _shifted(self._changes[len(changes) :], -count)
-        events = [one for one in self._events if one.t_ns <= last_ns or is_over]
-        self._events = [one for one in self._events if one not in events]
-        self._given += count
-        state = replace(update.state, running=not is_over, rows=self._given, progress=None)
-        return FeedUpdate(state, rows, events, changes)
-
-    def _due_rows(self) -> int:
-        """The number of rows whose time has come; rows without a time come with those before."""
-        t_ns, now_ns = np.maximum.accumulate(self._rows.t_ns), self._clock()
-        timed = t_ns[t_ns != NO_TIME]
-        if self._began is None and len(timed):
-            self._began = now_ns, int(timed[0])
-        if self._began is None:
-            return len(t_ns)
-        since_ns, first_ns = self._began
-        until_ns = first_ns + round((now_ns - since_ns) * self._speed)
-        return int(np.searchsorted(t_ns, until_ns, side="right"))
-
-    def stop(self) -> None:
-        """Stop the other feed."""
-        self._feed.stop()
-
-
-def _shifted(changes: Iterable[Change], by: int) -> list[Change]:
-    return [replace(change, index=change.index + by) for change in changes]
+    Rows without a time, and what is between rows, come with the row before them.
+    """
+    began_ns = first_ns = None
+    for item in items:
+        left = item
+        while isinstance(left, Rows) and len(left):
+            times = np.maximum.accumulate(left.t_ns)
+            if began_ns is None and left.timed.any():
+                began_ns, first_ns = clock(), int(left.t_ns[left.timed][0])
+            until_ns = EVER
+            if began_ns is not None and first_ns is not None:
+                until_ns = first_ns + round((clock() - began_ns) * speed)
+            count = int(np.searchsorted(times, until_ns, side="right"))
+            yield left[:count]
+            left = left[count:]
+            if len(left):
+                wait(PLAY_EVERY_S)
+        if not isinstance(item, Rows):
+            yield item

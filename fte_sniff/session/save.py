@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from pathlib import Path
-from queue import Full, Queue
+from queue import Queue
 from secrets import token_hex
-from threading import Event, Thread
+from threading import Thread
 from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
@@ -310,7 +310,6 @@ class FileExport(Replacement):
     def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
         """Create the temporary file; raises FileError and OSError as `Replacement`."""
         super().__init__(path)
-        self.path = path
         try:
             self.sink = open_sink(form, self.temporary, source)
         except BaseException:
@@ -371,43 +370,35 @@ def replace_text(path: Path, text: str, mode: int = 0o600) -> None:
 
 
 class SaveJob:
-    """One file that is being saved; an error leaves no file."""
+    """One file that is being saved; an error is a FileError, and leaves no file."""
 
     def __init__(self, target: SaveTarget, source: ExportSource) -> None:
-        """Create the file under its temporary name.
-
-        Raises FileError if it cannot be created.
-        """
+        """Create the file under its temporary name."""
         target.check()
-        self._target, self.path = target, target.path
-        self.rows = 0
-        try:
+        self._target, self.path, self.rows = target, target.path, 0
+        self._export: FileExport | None = None
+        with self._abandoned_on_error():
             self._export = FileExport(target.path, target.form, source)
-        except OSError as error:
-            raise self._unwritable(error) from error
+        self._sink = self._export.sink
 
     def write(self, rows: Rows) -> None:
-        """Write the next rows.
-
-        Raises FileError if they cannot be written, or the format cannot hold them.
-        """
+        """Write the next rows."""
         with self._abandoned_on_error():
-            self._export.sink.write(rows)
+            self._sink.write(rows)
         self.rows += len(rows)
 
     def close(self) -> None:
-        """Complete the file, and give it its name.
-
-        Raises FileError if it cannot be completed, or a file of that name exists now.
-        """
+        """Complete the file, and give it its name, unless a file of that name exists now."""
         with self._abandoned_on_error():
-            self._export.sink.close()
+            self._sink.close()
             self._target.check()
+            assert self._export is not None
             self._export.commit()
 
     def abandon(self) -> None:
         """Leave no file."""
-        self._export.abandon()
+        if self._export is not None:
+            self._export.abandon()
 
     @contextmanager
     def _abandoned_on_error(self) -> Iterator[None]:
@@ -415,39 +406,18 @@ class SaveJob:
             yield
         except OSError as error:
             self.abandon()
-            raise self._unwritable(error) from error
+            raise FileError(
+                "{path} cannot be written: {reason}; name another place",
+                path=self.path,
+                reason=reason_of(error),
+            ) from error
         except FteSniffError:
             self.abandon()
             raise
 
-    def _unwritable(self, error: OSError) -> FileError:
-        return FileError(
-            "{path} cannot be written: {reason}; name another place",
-            path=self.path,
-            reason=reason_of(error),
-        )
-
 
 MOST_WAITING: Final = 8
 """Largest number of DataFrames that wait to be written."""
-
-_CHECK_S: Final = 0.1
-"""Interval at which a blocked `write` checks that the thread still writes."""
-
-
-_DESCRIPTORS: Final = 8
-"""Files that polars opens to write one; it panics, and writes about it, if it cannot."""
-
-
-def _check_descriptors(count: int) -> None:
-    """Raise OSError if that many files cannot be opened now."""
-    opened: list[int] = []
-    try:
-        for _ in range(count):
-            opened.append(os.open(os.devnull, os.O_RDONLY))
-    finally:
-        for descriptor in opened:
-            os.close(descriptor)
 
 
 class _AbandonedError(Exception):
@@ -458,33 +428,27 @@ class ParquetSink:
     """Writes the columns of `analysis.dataframe`; a thread writes the file."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError if it cannot be created."""
-        self._path = path
+        from fte_sniff.formats.parquet import write_parquet
+
+        self._path, self._write = path, write_parquet
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
         self._error: BaseException | None = None
-        self._abandoned = False
-        self._begun = Event()
-        _check_descriptors(_DESCRIPTORS)
+        self._abandoned = self._ended = False
         self._thread = Thread(target=self._run, name="writes Parquet", daemon=True)
         self._thread.start()
-        try:
-            self._begun.wait()  # polars has its descriptors before others use them up
-        except BaseException:
-            self.abandon()
-            raise
-        if self._error is not None:
-            raise self._error
 
     def write(self, item: Item) -> None:
         """See `Sink`."""
         from fte_sniff.analysis.dataframe import table_frame
 
+        if self._error is not None:
+            raise self._error
         if isinstance(item, Rows) and len(item):
-            self._put(table_frame(item))
+            self._waiting.put(table_frame(item))
 
     def close(self) -> None:
         """See `Sink`."""
-        self._put(None)
+        self._waiting.put(None)
         self._thread.join()
         if self._error is not None:
             raise self._error
@@ -493,35 +457,24 @@ class ParquetSink:
         """See `Sink`."""
         self._abandoned = True
         if self._thread.is_alive():
-            self._put(None)
+            self._waiting.put(None)
             self._thread.join()
-
-    def _put(self, frame: pl.DataFrame | None) -> None:
-        while self._error is None:
-            try:
-                self._waiting.put(frame, timeout=_CHECK_S)
-            except Full:
-                continue
-            return
-        if not self._abandoned:
-            raise self._error
 
     def _run(self) -> None:
         try:
             from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-            from fte_sniff.formats.parquet import write_parquet
 
-            write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
+            self._write(self._frames(), self._path, dict(TABLE_SCHEMA))
         except BaseException as error:  # noqa: BLE001 - `write` and `close` raise it
             # polars raises KeyboardInterrupt in the thread that runs the query.
             self._error = error
-        finally:
-            self._begun.set()
+            while not self._ended:
+                self._ended = self._waiting.get() is None
 
     def _frames(self) -> Iterator[pl.DataFrame]:
-        self._begun.set()
-        while not self._abandoned and (frame := self._waiting.get()) is not None:
+        while (frame := self._waiting.get()) is not None:
             yield frame
+        self._ended = True
         if self._abandoned:
             raise _AbandonedError
 

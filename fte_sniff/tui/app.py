@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC
 from functools import partial
@@ -26,7 +26,6 @@ from textual.widgets import Footer, Input
 from fte_sniff.analysis.feed import Feed, FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.motors import MotorState, Trouble
-from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
@@ -666,8 +665,6 @@ class SniffApp(App[None]):
         rate = view.frames_per_s()
         if rate is not None:
             parts.append(_("{rate:,.0f} frames/s", rate=rate))
-        if view.state.not_shown:
-            parts.append(_("{count:,} too fast to show", count=view.state.not_shown))
         return [Text(part) for part in parts]
 
     def _empty_text(self) -> str:
@@ -823,7 +820,6 @@ class SniffApp(App[None]):
 def run_screen(
     feed: Feed,
     options: StartOptions = DEFAULTS,
-    on_exit: Callable[[Tally], None] = lambda _tally: None,
 ) -> int:
     """Show the feed until the user quits or a signal comes, then stop the feed.
 
@@ -836,7 +832,6 @@ def run_screen(
         app.run()
     finally:
         feed.stop()
-        on_exit(app.view.tally)
     if options.save_choices is not None and app.choices != app.first_choices:
         options.save_choices(app.choices)
     if app.failure is not None:

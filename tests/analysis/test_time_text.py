@@ -79,22 +79,19 @@ def test_a_time_of_day(text: str, ns: int | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "zone", "same", "after"),
+    ("text", "zone", "same"),
     [
-        ("12:00", UTC, "2026-01-31T12:00:00Z", "2026-02-01T12:00:00Z"),
-        ("07:00:00.5", CHINA, "2026-01-31T23:00:00.5Z", "2026-02-01T23:00:00.5Z"),
-        ("07:00+08:00", UTC, "2026-01-31T23:00:00Z", "2026-02-01T23:00:00Z"),
-        ("07:00Z", CHINA, "2026-01-31T07:00:00Z", "2026-02-01T07:00:00Z"),
+        ("12:00", UTC, "2026-01-31T12:00:00Z"),
+        ("07:00:00.5", CHINA, "2026-01-31T23:00:00.5Z"),
+        ("07:00+08:00", UTC, "2026-01-31T23:00:00Z"),
+        ("07:00Z", CHINA, "2026-01-31T07:00:00Z"),
     ],
 )
-def test_a_time_of_day_uses_the_day_of_its_zone(
-    text: str, zone: tzinfo, same: str, after: str
-) -> None:
+def test_a_time_of_day_uses_the_day_of_its_zone(text: str, zone: tzinfo, same: str) -> None:
     late = NOON_NS + 8 * 3600 * SECOND_NS  # 20:00 in UTC, and 04:00 the day after in China
     clock = clock_time(text)
     assert clock is not None
     assert clock.on_day_of(late, zone) == time_ns(same)
-    assert clock.on_day_after(late, zone) == time_ns(after)
 
 
 @pytest.mark.parametrize("text", ["2026-01-31 20:00", "2026-01-31T20:00:00"])

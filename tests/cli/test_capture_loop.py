@@ -43,9 +43,6 @@ class Noted(Observer):
     def _note(self, what: str) -> None:
         self._calls.append(f"{self._name} {what}")
 
-    def starting(self) -> None:
-        self._note("starting")
-
     def begun(self, session: LiveSession) -> None:
         self._note("begun" if session.state.started else "begun too early")
 
@@ -72,7 +69,6 @@ def plan(port: str = SIM, count: int | None = 50) -> CapturePlan:
 
 
 ORDER = [
-    *("first starting", "last starting"),
     *("first begun", "last begun"),
     *("first update", "last update"),
     *("last ended", "first ended"),
@@ -127,4 +123,4 @@ def test_capture_that_could_not_begin_has_no_end(tmp_path: Path) -> None:
     calls: list[str] = []
     with pytest.raises(PortError):
         capture(plan(str(tmp_path / "gone")), [Noted("one", calls)], ENDING_SIGNALS)
-    assert calls == ["one starting"]
+    assert calls == []

@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import json
-import re
 import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.cli.live_data import (
-    Datagrams,
     address_of,
-    datagram,
 )
 from fte_sniff.errors import UsageError
-from fte_sniff.protocol import Fault, Row, Rows, iso_time
+from fte_sniff.protocol import iso_time
 from fte_sniff.recording.schema import topic_of
 from tests.cli.conftest import decoded
-from tests.recording.conftest import some_rows
 from tests.support.columns import read_rows, without_facts
 from tests.waiting import BOUND_S
 
@@ -124,25 +119,6 @@ def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> Non
     done = run("live", SIM, "--count", "50", "-o", "x.mcap", "--udp", where)
     assert done.returncode == 0
     assert "50 rows sent to UDP" in done.stderr
-
-
-@pytest.mark.pending
-def test_datagram_that_is_too_large_is_counted(receiver, capsys) -> None:
-    rows = [
-        *some_rows(3),
-        Row("p", 0, bytes(60_000), 1, (Fault.NOISE,), framed=False),
-        *some_rows(2),
-    ]
-    sender = Datagrams(receiver.getsockname(), None)
-    update = FeedUpdate(None, Rows.of(rows), [], [])  # type: ignore[arg-type]
-    sender.update(update, None)  # type: ignore[arg-type]
-    sender.ended(None)  # type: ignore[arg-type]
-    said = capsys.readouterr().err
-    assert re.fullmatch(r"5 rows sent to UDP 127.0.0.1 port \d+, 1 could not be sent\n", said)
-    assert [receiver.recv(1 << 16) for _ in range(5)] == [
-        *map(datagram, some_rows(3)),
-        *map(datagram, some_rows(2)),
-    ]
 
 
 @pytest.mark.parametrize(

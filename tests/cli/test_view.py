@@ -9,17 +9,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from fte_sniff.protocol import KIND_BY_NAME, encode
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
 from tests.slow import first
-from tests.support.recorded_rows import write_recording
 from tests.support.tools import needs
 from tests.waiting import BOUND_S
 
@@ -88,41 +83,6 @@ def test_view_reports_unreadable_files_before_the_screen_opens(environment, tmp_
         assert screen.ended() == 4
     assert screen.drawn.count(b"\n") == 1
     assert b"none.mcap: no such file" in screen.drawn
-
-
-ROWS = 200_000
-FIRST_NS = 1_769_860_800_000_000_000
-RPMS = 1000
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Speed commands, a millisecond apart; the speed is that of the row's number."""
-    raws = b"".join(encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": rpm}) for rpm in range(RPMS))
-    columns = Rows.blank(ROWS, ("p",))
-    numbers = np.arange(ROWS)
-    columns.t_ns[:] = FIRST_NS + numbers * 1_000_000
-    columns.offset[:] = numbers * 10
-    columns.raw[:, :10] = np.frombuffer(raws, np.uint8).reshape(-1, 10)[numbers % RPMS]
-    path = tmp_path_factory.mktemp("large") / "large.mcap"
-    write_recording(path, [PortFacts("p")], [columns])
-    return path
-
-
-@pytest.mark.pending
-def test_a_recording_that_vanishes_ends_the_screen_with_one_line(
-    environment, tmp_path: Path, recording: Path
-) -> None:
-    path = tmp_path / "gone.mcap"
-    path.write_bytes(recording.read_bytes())
-    # So often that not all of these places can be in memory, whatever was read last.
-    several = [str(path)] * 5
-    with terminal(environment, tmp_path, "view", "--keep-rows", "70000", *several) as screen:
-        screen.until("FILE")
-        path.unlink()
-        assert screen.ended_by(":20%\r", ":40%\r", ":60%\r", ":80%\r") == 4
-    assert b"gone.mcap: no such file" in screen.drawn
-    assert b"Traceback" not in screen.drawn
 
 
 LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800")

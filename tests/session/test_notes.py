@@ -114,9 +114,11 @@ def test_a_note_is_stored_beside_the_capture_that_began_before_its_row(tmp_path:
     assert {note.text for note in opened(later).notes.values()} == {str(NOON_NS + 150)}
 
 
-def test_the_file_of_notes_is_announced_once(recording: Path) -> None:
+def test_the_file_of_notes_is_announced_until_it_is_written(recording: Path) -> None:
     notes = opened(recording)
     assert notes.news(KEY) == notes_path(recording)
+    notes.set(Note(KEY, "x"))
+    assert notes.save() is None
     assert notes.news(KEY) is None
     assert Notes().news(KEY) is None
 

@@ -8,7 +8,6 @@ import json
 import os
 import resource
 import threading
-from contextlib import nullcontext
 from pathlib import Path
 
 import polars as pl
@@ -250,23 +249,6 @@ def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not list(tmp_path.iterdir())
-
-
-def test_parquet_is_refused_unless_polars_can_open_all_that_it_needs() -> None:
-    opened = [os.open("/dev/zero", os.O_RDONLY) for _ in range(parquet_sink._DESCRIPTORS)]
-    for descriptor in opened:
-        os.close(descriptor)
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    try:
-        for missing in (1, 0):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (max(opened) + 1 - missing, hard))
-            with pytest.raises(OSError, match="Too many") if missing else nullcontext():
-                parquet_sink._check_descriptors(len(opened))
-            free = os.dup(0)
-            os.close(free)
-            assert free == min(opened), "some stay open"
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def _write_all(saving: SaveJob, taken: list[Row]) -> None:
