@@ -123,12 +123,6 @@ def test_folder_without_permission_is_one_line(home: Path, tool: str, environmen
     assert [*folder.iterdir()] == []
 
 
-def test_unknown_tool_lists_the_tools(run) -> None:
-    done = run("decoder", "saleae")
-    assert done.returncode == 2
-    assert all(tool in done.stderr for tool in TOOLS)
-
-
 def test_a_decoder_is_not_installed_through_a_link(run, home: Path) -> None:
     path = home / INSTALLED["wireshark"]
     path.parent.mkdir(parents=True)

@@ -134,10 +134,6 @@ def test_a_file_without_permission_ends_with_4(tmp_path: Path, samples: Path, co
     assert FileError.exit_code == 4
 
 
-def test_output_and_no_record_contradict_each_other(run) -> None:
-    refused(run("live", "sim://", "-o", "x.mcap", "--no-record"), 2, "-o", "--no-record")
-
-
 def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
     with (tmp_path / "other.mcap").open("wb") as file:
         writer = Writer(file)
