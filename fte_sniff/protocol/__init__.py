@@ -3,7 +3,7 @@
 Modules:
 
     dissect     Explain a row: its bytes field by field.
-    columns     The column table; values as text; signs and colours of each status.
+    columns     The column table; values as text.
     framer      Framer: chunks in, rows out; times and silence.
     islands     Islands of frames in step and the gaps between them.
     gap         How gaps are divided into frames, damage and noise.

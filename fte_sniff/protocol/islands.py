@@ -110,8 +110,6 @@ class _Step(NamedTuple):
     part: _Part = None
     run: tuple[int, int, int, int] | None = None
     """Start and stop of frames in step, the wall before them, and where their bytes end."""
-    mark: int | None = None
-    """Where noise ends, because of a wall."""
 
 
 class Division(NamedTuple):
@@ -147,6 +145,7 @@ class Walk:
     def __init__(self, data: bytes, base: int, state: State, walls: list[Wall]) -> None:
         """Offsets in `state` and `walls` are in the data; `base` is that of its first byte."""
         self.data, self.state, self.walls = data, state, walls
+        self._first_wall = state.wall
         self._bytes = np.frombuffer(data, np.uint8)
         self._phase = base % CORE
         strict = strict_frames(self._bytes)
@@ -218,7 +217,7 @@ class Walk:
         if rest and not (wall.is_soft and is_start(self.data[stop : wall.at])):
             return None
         following = State(stop, stop, state.number + 1)
-        return _Step(following, part, (at, stop, state.wall, wall.at), stop)
+        return _Step(following, part, (at, stop, state.wall, wall.at))
 
     def _frames_from(self, state: State, island: int, wall: Wall, part: _Part = None) -> _Step:
         """The frames in step from an island on that are followed by another one."""
@@ -274,7 +273,7 @@ class Walk:
                 start = own.starts[behind - 1]
                 stop = start if start >= state.at and IS_HEADER[self._bytes[start]] else stop
         following = State(stop, stop, state.number + 1)
-        return _Step(following, self._taken(found, state.at, stop), None, stop)
+        return _Step(following, self._taken(found, state.at, stop))
 
     def _window(self, state: State, wall: Wall) -> _Step | None:
         """Divide the core that contains the state, up to a certain island in it."""
@@ -339,14 +338,14 @@ class Walk:
         start = bisect_left(own.starts, first, low, high)
         return own, start, bisect_left(own.starts, last, start, high)
 
+    def _taken(self, found: tuple[int, int] | None, first: int, last: int) -> _Part:
+        """The segments of a gap that begin in a range of offsets."""
+        return None if found is None else (found[0], *self._rows(found, first, last)[1:])
+
     def _is_certain(self, found: tuple[int, int], island: int) -> bool:
         """Whether the first frame of an island is certain in a gap."""
         own, row, behind = self._rows(found, island, island + 1)
         return behind > row and own.probabilities[row] >= CERTAIN
-
-    def _taken(self, found: tuple[int, int] | None, first: int, last: int) -> _Part:
-        """The segments of a gap that begin in a range of offsets."""
-        return None if found is None else (found[0], *self._rows(found, first, last)[1:])
 
     # What was found
 
@@ -385,9 +384,9 @@ class Walk:
         return found
 
     def _marks(self) -> Division:
-        """The places where noise ends."""
-        marks = [step.mark for step in self._steps if step.mark is not None]
-        walls = np.array(marks, np.int64)
+        """The walls, where noise ends."""
+        found = {step.state.wall for step in self._steps} - {self._first_wall}
+        walls = np.array(sorted(found), np.int64)
         return Division(walls, walls, np.zeros(len(walls)))
 
 
