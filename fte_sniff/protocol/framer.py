@@ -302,7 +302,9 @@ class Framer:
 
 def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
     """The starts and lengths of rows of noise; every run of noise is cut each 16 bytes."""
-    counts = -(-np.maximum(last - first, 0) // MOST_BYTES)
+    is_noise = last > first
+    first, last = first[is_noise], last[is_noise]
+    counts = -((first - last) // MOST_BYTES)
     before = np.cumsum(counts) - counts
     start = np.repeat(first - MOST_BYTES * before, counts) + MOST_BYTES * np.arange(counts.sum())
     return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)

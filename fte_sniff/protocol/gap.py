@@ -322,7 +322,7 @@ def _posteriors(scores: Array, block: Array, first: Ints, is_open: Bools) -> Arr
     column = np.flatnonzero(is_open)
     for number in range(1, LONGEST):
         before[np.minimum(first[column] + number, width), column] = 1
-    multiply, add, einsum = np.multiply, np.add, np.einsum
+    multiply, einsum = np.multiply, np.einsum
     for offset in range(width):
         now = entering[LONGEST + offset]
         multiply(noise[offset], is_header[offset], out=now)
@@ -336,11 +336,11 @@ def _posteriors(scores: Array, block: Array, first: Ints, is_open: Bools) -> Arr
     own = scores[LONGEST : LONGEST + width, 1:]
     for offset in range(width - 1, -1, -1):
         leaving = einsum("lg,lg->g", own[offset], after[offset + 1 : offset + 1 + LONGEST])
-        going_on = in_noise * _NOISE_CONTINUES
-        in_noise = leaving * is_header[offset]
-        in_noise += going_on
-        going_on *= _NOISE_BEGINS
-        add(leaving, going_on, out=after[offset])
+        multiply(in_noise, begins, out=after[offset])
+        after[offset] += leaving
+        in_noise *= _NOISE_CONTINUES
+        leaving *= is_header[offset]
+        in_noise += leaving
     own *= entering[LONGEST:, None] / (before[width] + noise[width])
     step, by_gap = after.strides
     own *= as_strided(after[1:], (width, LONGEST, count), (step, step, by_gap))

@@ -160,6 +160,8 @@ class Walk:
         self._is_island[self._starts] = True
         """The offsets of islands: of the first one of two frames."""
         self._islands = _numbers(self._starts)
+        self._runs: dict[int, int] = {}
+        """By first island of frames in step: where these end."""
         self._next: dict[int, int] = {}
         """By start of a gap: the next island, if it is near and no other frame overlaps it."""
         self._divisions: dict[_Key, tuple[int, int]] = {}
@@ -230,6 +232,8 @@ class Walk:
 
     def _end_of(self, at: int) -> int:
         """Where the strict frames in step from an offset on end."""
+        if at in self._runs:
+            return self._runs[at]
         row = bisect_left(self._strict, at)
         return self._ends[row] if row < len(self._strict) and self._strict[row] == at else at
 
@@ -299,7 +303,9 @@ class Walk:
     def _foresee(self) -> None:
         """Want the gaps between frames in step and the next islands, as if there were no walls."""
         is_first = ~self._is_island[self._starts - FRAME_LENGTH]
-        at = self._run_ends[self._is_first][is_first] - FRAME_LENGTH
+        ends = self._run_ends[self._is_first][is_first]
+        self._runs = dict(zip(self._starts[is_first].tolist(), ends.tolist(), strict=True))
+        at = ends - FRAME_LENGTH
         number = np.searchsorted(self._starts, at)
         is_known = (at >= self.state.at) & (number < len(self._starts))
         first, island = at[is_known], self._starts[number[is_known]]
