@@ -83,12 +83,12 @@ def test_row_that_needs_no_facts_is_shown_at_once() -> None:
 
 def test_marks_have_the_index_of_the_row_after_them() -> None:
     event = PortEvent(START + 15 * MS, "a", PortEventKind.OPENED, "")
-    rows = Rows.of([frame("speed", at) for at in (0, 10, 20)], [event])
+    rows = Rows.of([frame("speed", at) for at in (0, 10, 20)])
     gap = Gap(GapKind.DAMAGE)
     store = RowStore()
-    for item in (rows, gap, rows):
+    for item in (rows, event, gap, rows):
         store.append(item)
-    assert [(mark.index, mark.what) for mark in store.marks] == [(2, event), (3, gap), (5, event)]
+    assert [(mark.index, mark.what) for mark in store.marks] == [(3, event), (3, gap)]
 
 
 @pytest.mark.parametrize(("t_ms", "index"), [(-1, 0), (0, 0), (0.5, 1), (449, 36), (1e6, 80)])

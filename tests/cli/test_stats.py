@@ -90,7 +90,7 @@ def pieces(run, source: Path, folder: Path) -> list[Path]:
 
 
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
-    write_recording(path, [port], [Rows.of(rows, events=events)], {})
+    write_recording(path, [port], [Rows.of(rows)], {}, events)
 
 
 def speed(port: str, at: int, t: int) -> fte_sniff.Row:

@@ -53,12 +53,14 @@ def write_recording(
     ports: Sequence[PortFacts],
     batches: Iterable[Rows],
     facts: Mapping[str, str] | None = None,
+    events: Iterable[PortEvent] = (),
 ) -> None:
-    """Write a recording of batches with a `BulkWriter`; raises as it does."""
+    """Write a recording of batches, and of events with the first; raises as `BulkWriter`."""
     with path.open("xb", buffering=0) as file:
         writer = BulkWriter(file.fileno(), ports, facts)
         for batch in batches:
-            writer.write(batch)
+            writer.write(batch, *events)
+            events = ()
         writer.close()
 
 
