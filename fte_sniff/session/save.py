@@ -309,6 +309,8 @@ class FileExport(Replacement):
 
     def __init__(self, path: Path, form: OutputFormat, source: ExportSource) -> None:
         """Create the temporary file; raises FileError and OSError as `Replacement`."""
+        if form is OutputFormat.PARQUET:  # loading takes long, and Ctrl-C may end it at once
+            import fte_sniff.formats.parquet  # noqa: F401
         super().__init__(path)
         try:
             self.sink = open_sink(form, self.temporary, source)
@@ -428,9 +430,7 @@ class ParquetSink:
     """Writes the columns of `analysis.dataframe`; a thread writes the file."""
 
     def __init__(self, path: Path) -> None:
-        from fte_sniff.formats.parquet import write_parquet
-
-        self._path, self._write = path, write_parquet
+        self._path = path
         self._waiting: Queue[pl.DataFrame | None] = Queue(MOST_WAITING)
         self._error: BaseException | None = None
         self._abandoned = self._ended = False
@@ -463,8 +463,9 @@ class ParquetSink:
     def _run(self) -> None:
         try:
             from fte_sniff.analysis.dataframe import TABLE_SCHEMA
+            from fte_sniff.formats.parquet import write_parquet
 
-            self._write(self._frames(), self._path, dict(TABLE_SCHEMA))
+            write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
         except BaseException as error:  # noqa: BLE001 - `write` and `close` raise it
             # polars raises KeyboardInterrupt in the thread that runs the query.
             self._error = error

@@ -210,7 +210,6 @@ def test_bytes_that_arrive_one_part_after_the_other_are_not_damage(
     file.write_bytes(whole[:600])
     follow = ("decode", "--follow", "copy.mcap", "--format", "csv")
     with started(environment, tmp_path, *follow) as reader:
-        until(reader, b"time")
         with file.open("ab", buffering=0) as stream:
             for number, chunk in enumerate(summary.chunk_indexes):
                 while stream.tell() < chunk.chunk_start_offset + chunk.chunk_length:
@@ -294,7 +293,6 @@ def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path:
             writer.send_signal(signal.SIGINT)
             assert ended(writer)[0] == 0
             files = sorted(tmp_path.glob("c_*.mcap"))
-            rows = sum(map(rows_in, files))
-            screen.until("ENDED", f"{rows:,} rows")
+            screen.until(f"ended: {files[-1].name}")
             screen.type("Q")
             assert screen.ended() == 0
