@@ -5,7 +5,7 @@
 
 The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; its present name and
 the one before 2025 are equal in what is used here. A web page that the user visits can connect to
-any port of this machine, also by a name that leads there, so the server checks its Origin.
+any port of this machine, also by a name that leads there, so the server checks Origin and Host.
 """
 
 from __future__ import annotations
@@ -59,6 +59,18 @@ def allows_origin(origin: str, allowed: Collection[str] = ()) -> bool:
     return origin in (FOXGLOVE_ORIGIN, *allowed) or _THIS_MACHINE.fullmatch(origin) is not None
 
 
+_NUMERIC: Final = re.compile(r"localhost|[0-9.]+|\[[0-9a-f:.]+\]")
+
+
+def allows_host(host: str, bound: str) -> bool:
+    """Whether a request names this server: by an IP address, as localhost, or as it is bound.
+
+    Another name is that of a web page whose server lets its name lead to this machine.
+    """
+    name = re.sub(r":[0-9]*$", "", host).lower()
+    return name == bound.lower() or _NUMERIC.fullmatch(name) is not None
+
+
 class FoxgloveServer(Observer):
     """Serves the rows and port events of a capture as they come, in a thread of its own."""
 
@@ -81,7 +93,7 @@ class FoxgloveServer(Observer):
             raise UsageError(
                 f"--serve needs the package websockets: {install_command('foxglove')}"
             ) from None
-        self._origins = origins
+        self._origins, self._name = origins, address[0]
         keys = ((port, topic.name) for port in ports for topic in TOPICS)
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
@@ -165,6 +177,9 @@ class FoxgloveServer(Observer):
             if not allows_origin(origin, self._origins):
                 text = f"the origin {origin} may not read; --allow-origin {origin} allows it\n"
                 return connection.respond(HTTPStatus.FORBIDDEN, text)
+        for host in request.headers.get_all("Host"):
+            if not allows_host(host, self._name):
+                return connection.respond(HTTPStatus.FORBIDDEN, f"this is not {host}\n")
         return None
 
     async def _serve(self, connection: ServerConnection) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import codecs
 import re
+import select
 from binascii import a2b_base64
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -33,6 +34,7 @@ from fte_sniff.formats.known_files import refuse_results
 from fte_sniff.formats.log_text import LogText, too_long
 from fte_sniff.formats.log_times import LogClock, day_of_file, style_of
 from fte_sniff.formats.plain_hex import is_hex_line, is_plain_hex, plain_hex, plain_pieces
+from fte_sniff.platform import POSIX
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -536,6 +538,8 @@ class Evidence(NamedTuple):
 
 _SAMPLES: Final = 200, 2_000, 20_000
 """Lines that decide how a log is read; more only if they hold no frames."""
+_SILENT_S: Final = 1.0
+"""A pipe that is silent so long, seconds, is decided by fewer lines, if they hold frames."""
 _LONGEST_SAMPLED: Final = 4096
 """Characters of each of them."""
 _LEAST_SHARE: Final = 0.05
@@ -557,6 +561,7 @@ class Log:
         self.name, self.options = name, options or LogOptions()
         self._text = LogText()
         self._file: BinaryIO | None = None
+        self._stream = stream
         self._blocks = self._text.blocks(stream) if stream else self._blocks_of(Path(name))
         self._size, self._skipped, self._example = 0, 0, ""
         first = self._decide()
@@ -596,7 +601,9 @@ class Log:
         """Decide how to read it, by its first lines, which are returned."""
         seen, lines, self._evidence = list[str](), list[str](), None
         for count in _SAMPLES:
-            while len(lines) < count and (block := next(self._blocks, "")):
+            while len(lines) < count and not (lines and self._is_silent() and self._known(lines)):
+                if not (block := next(self._blocks, "")):
+                    break
                 refuse_results(self.name, block if not seen else "")
                 seen.append(block)
                 lines += block.removesuffix("\n").split("\n")
@@ -612,6 +619,20 @@ class Log:
             if found[0].frames * FRAME_LENGTH <= _LEAST_SHARE * found[0].size:
                 self._refuse(first, found)
         return first
+
+    def _is_silent(self) -> bool:
+        """Whether a pipe has nothing more to read for now, as with `tail -f`."""
+        if self._stream is None or not POSIX:
+            return False
+        try:
+            return not select.select([self._stream], [], [], _SILENT_S)[0]
+        except (OSError, ValueError):  # not a pipe, but bytes in memory
+            return False
+
+    def _known(self, lines: Sequence[str]) -> bool:
+        """Whether lines are enough to decide how to read them."""
+        found = self._readings([line[:_LONGEST_SAMPLED] for line in lines])
+        return found is None or found[0].frames > 0
 
     def _refuse(self, lines: Sequence[str], found: Sequence[Evidence]) -> NoReturn:
         text = "\n".join(lines)

@@ -125,12 +125,13 @@ def test_the_head_of_many_bytes(bash, tmp_path: Path, end: str, form: str) -> No
     assert errors == ""
 
 
-@pytest.mark.parametrize("form", ["table", "jsonl", "csv"])
+@pytest.mark.parametrize(("way", "form"), crossed(["raw", "hex", "log"], ["table", "jsonl", "csv"]))
 def test_rows_come_while_the_input_goes_on(
-    environment: dict[str, str], tmp_path: Path, form: str
+    environment: dict[str, str], tmp_path: Path, way: str, form: str
 ) -> None:
     """All but the last row, which the bytes behind it decide."""
-    frames = bytes.fromhex(FRAME) * 3
+    line = {"hex": f"{FRAME}\n", "log": f"12:00:00.001 TX {FRAME}\n"}
+    frames = 3 * (line[way].encode() if way in line else bytes.fromhex(FRAME))
     arguments = ("decode", "-", "--format", form)
     with started(environment, tmp_path, *arguments, stdin=subprocess.PIPE) as process:
         assert process.stdin is not None

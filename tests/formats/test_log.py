@@ -501,9 +501,9 @@ def test_block_of_nul_is_skipped_and_reported() -> None:
 @pytest.mark.parametrize(
     ("content", "error"),
     [
-        (b"", "log.txt: is empty"),
-        (b"\n\n", "log.txt: is empty"),
-        (bytes(100_000), "log.txt: is empty"),
+        (b"", "log.txt is empty"),
+        (b"\n\n", "log.txt is empty"),
+        (bytes(100_000), "log.txt is empty"),
         (bytes(range(32)), "holds no text; if it holds raw bytes, add --input raw"),
         ((b"12:00:00 rx data \xaa\x01\x02\n") * 40, "holds bytes as characters among text"),
         (b"It was the best of times\n" * 40, "no frames found in 40 lines, and no bytes in any"),
