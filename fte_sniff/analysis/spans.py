@@ -89,7 +89,8 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[BadSpan
         spans = [span for one in _THRESHOLDS if (span := _best_span(own >= one)) is not None]
         if not spans or len(at) < 2 * _LEAST_WINDOWS:
             break
-        best, lengths = max(spans), 2 * max(1.0, np.log2(len(at) / 2))
+        # Intervals of half of the windows at most; lengths that differ by less are one.
+        best, lengths = max(spans), 1 + 2 * np.log2(len(at) / 2 / _LEAST_WINDOWS)
         if best.score < log(len(at) * lengths * len(_THRESHOLDS) * SERIES / alpha):
             break
         found.append(BadSpan(best.score, int(at[best.first]), int(at[best.last])))

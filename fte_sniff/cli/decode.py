@@ -52,9 +52,7 @@ def command(
     columns: tuple[str, ...] | None,
     limit: int | None,
 ) -> None:
-    """Decode recordings (.mcap), raw bytes (.bin .raw), hex text (.hex .txt .log) and Parquet.
-
-    A Parquet file must be one that this command wrote.
+    """Decode recordings (.mcap), raw bytes (.bin .raw), hex text and logs (.hex .txt .log).
 
     '-' reads standard input; a folder means the recordings in it. The rows of several files are
     merged by time. Rows go to standard output, a summary to standard error.

@@ -418,12 +418,14 @@ class InputQuery:
 
     def start_ns(self) -> int | None:
         """The time of `--start`, nanoseconds since 1970 UTC, or None; raises InputTextError."""
+        from fte_sniff.formats.log_times import END_NS
+
         if self.start is None:
             return None
         t_ns = time_ns(self.start.strip(), self.zone_given() or UTC)
-        if t_ns is None or t_ns < 0:
+        if t_ns is None or not 0 <= t_ns < END_NS:
             raise InputTextError(
-                f"--start: {quoted(self.start)} is not a time from 1970 on; write it as"
+                f"--start: {quoted(self.start)} is not a time from 1970 to 2261; write it as"
                 " 2026-01-31T12:00:00Z"
             )
         return t_ns

@@ -23,6 +23,8 @@ from fte_sniff.protocol import iso_time
 
 _SECOND: Final = 10**9
 _DAY: Final = 86_400 * _SECOND
+END_NS: Final = 2**63 - _DAY
+"""Times of rows end in 2262."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MONTHS: Final = tuple(re.findall("...", "janfebmaraprmayjunjulaugsepoctnovdec"))
 
@@ -113,23 +115,24 @@ class LogClock:
         self._fall = ""
 
     def time_ns(self, found: re.Match[str] | None) -> int | None:
-        """The time of a match of a style; without one, or if there is no such date, that before."""
-        if found is None:
+        """The time of a match of a style; the last one, if it is missing or not a time of rows."""
+        t_ns = None if found is None else self._time_of(found)
+        if found is None or t_ns is None or not 0 <= t_ns < END_NS:
             self._lacking += 1
             return self._last_ns
-        groups = found.groupdict()
-        try:
-            t_ns = self._clock_ns(groups) if found.re is CLOCK else self._digits_ns(groups)
-        except (ValueError, OverflowError):
-            self._lacking += 1
-            return self._last_ns
-        t_ns = max(t_ns, 0)
         if self._last_ns is not None and t_ns < self._last_ns:
             self._falls += 1
             fall_s = (self._last_ns - t_ns) / _SECOND
             self._fall = self._fall or f"by {fall_s:,.9g} s to {found[0]}"
         self._last_ns = t_ns
         return t_ns
+
+    def _time_of(self, found: re.Match[str]) -> int | None:
+        groups = found.groupdict()
+        try:
+            return self._clock_ns(groups) if found.re is CLOCK else self._digits_ns(groups)
+        except (ValueError, OverflowError):
+            return None
 
     def _digits_ns(self, groups: dict[str, str | None]) -> int:
         if stamp := groups.get("stamp"):
@@ -191,7 +194,10 @@ class LogClock:
                 " --start 2026-01-31T12:00:00Z says when it was"
             )
         if self._lacking:
-            yield f"{self._lacking:,} of its lines lack a time; the one before is taken"
+            yield (
+                f"{self._lacking:,} of its lines lack a time between 1970 and 2262;"
+                " the one before is taken"
+            )
         if self._falls:
             times = "once" if self._falls == 1 else f"{self._falls:,} times"
             yield f"its times step back {times}, first {self._fall}; rows keep the later time"

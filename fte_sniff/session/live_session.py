@@ -136,7 +136,7 @@ class CaptureState:
         if self.error is None:
             return self.backlog
         trouble = self.error.message
-        if not self.recording:
+        if not self.recording or self.ended is not None:
             return trouble
         return TranslatableText(
             "{trouble}; recording goes on in {path}", trouble=trouble, path=self.recording

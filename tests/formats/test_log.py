@@ -644,3 +644,12 @@ def test_frames_of_any_writer_come_back_exactly(
     assert found_in(rows) == frames_of(log), notes
     assert size_of(rows) == size_of(log), notes
     assert all(row.t_ns is not None for row in rows) == (time != "none" and "{time}" in prefix)
+
+
+@pytest.mark.parametrize("year", ["1969", "2263", "9999"])
+def test_a_time_that_rows_cannot_have_is_reported(year: str) -> None:
+    frame = "55 01 01 03 E8 00 00 00 0F EE"
+    lines = [f"2026-01-31 00:00:01 RX: {frame}", *[f"{year}-01-01 00:00:02 RX: {frame}"] * 3]
+    rows, notes = rows_of("\n".join(lines))
+    assert {row.t_ns for row in rows} == {1_769_817_601_000_000_000}
+    assert any("3 of its lines lack a time between 1970 and 2262" in note for note in notes)

@@ -629,7 +629,7 @@ class _Parser:
         value: int | float = (
             float(token.text) if not is_whole else int(token.text, _base(token.text))
         )
-        if not isfinite(value) or (is_whole and value >= 2**63):
+        if value >= 2**63 if is_whole else not isfinite(value):
             raise self._mistake(token.start, "this number is too large")
         number = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
         return _Term(number, token.start, most=int(value) if is_whole else None)

@@ -115,6 +115,7 @@ MISTAKES: list[tuple[str, int, str]] = [
     ("rpm > 1_000", 6, ""),
     ("rpm > 99999999999999999999", 7, "too large"),
     ("rpm > 1e999", 7, "too large"),
+    ("rpm > " + "9" * 400, 7, "too large"),
     ("rpm ^ 1 = 1", 4, ""),
     ("kind = 'speed", 7, ""),
     ('kind = "speed', 7, ""),
