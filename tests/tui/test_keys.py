@@ -9,7 +9,7 @@ from fte_sniff.i18n import set_language
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import COMMANDS, SECTIONS
 from fte_sniff.tui.help import PAGES, help_text
-from tests.slow import first
+from tests.slow import crossed
 from tests.tui.conftest import ListFeed, lines, noise, page, play, press, speed_rows, talk, until
 
 ENDING = {"q", "Q", "ctrl+z", "ctrl+c"}
@@ -17,12 +17,18 @@ KEYS = sorted({key for one in COMMANDS.values() for key in one.keys.split(",") i
 MODES = ("M", "f", "", "T", "i", "exclamation_mark", "question_mark", "space", "tab", "v", "x", "C")
 
 
-@pytest.mark.parametrize("mode", first(2, MODES))
-def test_every_key_in_every_mode_leaves_the_keys_with_one_part(feed: ListFeed, mode: str) -> None:
+PARTS = 8
+"""Into which the keys are divided, as all of them take longer than a test may on a busy machine."""
+
+
+@pytest.mark.parametrize(("mode", "part"), crossed(MODES, range(PARTS)))
+def test_every_key_in_every_mode_leaves_the_keys_with_one_part(
+    feed: ListFeed, mode: str, part: int
+) -> None:
     feed.give([*speed_rows(20), noise(20, 200)])
 
     async def scenario(app: SniffApp) -> None:
-        for key in KEYS:
+        for key in KEYS[part::PARTS]:
             await press(app, mode)
             await press(app, key)
             focused = app.screen_stack[0].focused
