@@ -432,7 +432,7 @@ class CaptureReport(Observer):
             return
         for event in update.events:
             self._print_event(event)
-        if update.state.running:
+        if session.state.ended is None:  # the error that ended it comes last
             self._print_problem(session.state.error, update.state.recording)
 
     def ended(self, session: LiveSession) -> None:

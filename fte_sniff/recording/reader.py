@@ -304,7 +304,7 @@ class Recording:
         jobs: deque[tuple[list[ChunkRef], Future[list[Messages | LostBytes]]]] = deque()
 
         def decoded(most: int) -> Iterator[Batch]:
-            """Decode until at most so many batches are unpacked ahead."""
+            """Decode until at most `most` batches are unpacked ahead."""
             while len(jobs) > most:
                 group, job = jobs.popleft()
                 between = []

@@ -50,7 +50,8 @@ def start_worker(function: Callable[..., None], *arguments: object) -> subproces
     folder = str(Path(__file__).parents[2])
     here = os.path.realpath("")
     path = [*(entry for entry in sys.path if os.path.realpath(entry) != here), folder]
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS) if POSIX else set()
+    if POSIX:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING_SIGNALS)
     try:
         process = subprocess.Popen(
             [sys.executable, *flags, "-P", "-c", _START, folder],

@@ -38,7 +38,8 @@ warnings.simplefilter("ignore")
 try:
     print(fte_sniff.scan(sys.argv[1]).collect().height)
 except fte_sniff.FteSniffError as error:
-    sys.exit(f"fte-sniff: {error}")
+    print(f"fte-sniff: {error}", file=sys.stderr)
+    sys.exit(error.exit_code)
 """
 
 

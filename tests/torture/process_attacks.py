@@ -47,7 +47,7 @@ from tests.torture.file_attacks import (
     utc_ns,
 )
 
-_STOPPED = re.compile(r"is complete up to there \(([\d,]+) rows\)")
+_STOPPED = re.compile(r"^recording stopped: .* is complete up to there \(([\d,]+) rows\)", re.M)
 _NOT_RECORDED = re.compile(r"([\d,]+) rows and port events .*were not recorded")
 _ROWS = re.compile(r"^([\d,]+) rows", re.M)
 _PRINTED = re.compile(rb"^(\d{4}-\S+Z) +(\d+) .*\n", re.M)
