@@ -74,17 +74,6 @@ def list_ports() -> list[PortListing]:
     return listings(sorted(comports()))
 
 
-def listing_of(name: str) -> PortListing | None:
-    """One port by any of its names; None if it is not a terminal device."""
-    if not POSIX:
-        return next((one for one in list_ports() if one.device.lower() == name.lower()), None)
-    if not is_terminal(name):
-        return None
-    device = os.path.realpath(name)
-    found = [port for port in comports() if os.path.realpath(port.device) == device]
-    return listings(found or [ListPortInfo(device)])[0]
-
-
 def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
     """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
     folder = by_id.iterdir() if by_id.is_dir() else ()

@@ -2,8 +2,9 @@
 
     NAME_00001 --rotation--> NAME_00002 --disk full--> (gap) --space again--> NAME_00003
 
-Rows reach the disk with a flush: when `RecordingOptions.flush_every_s` has passed, when `MOST_ROWS`
-rows wait, before a rotation, and at the end. Rows that were not flushed go into the next file.
+A flush writes the rows that wait: when `RecordingOptions.flush_every_s` has passed or a view
+requests it, when `MOST_ROWS` rows wait, before a rotation, and at the end. Once a second it waits
+for the disk, too. Rows that were not flushed go into the next file.
 While no file can be made, rows are counted only, and the next file reports the gap. `keep_bytes`
 deletes the oldest files of the capture; a gap that one of them reports is copied into the current
 file first.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,6 @@ from tests.cli.program import Program
 from tests.cli.program import plain_environment as plain_environment
 from tests.in_process import call
 from tests.needs import needs
-
-# Where Selenium is not installed, there are no tests of pages.
-collect_ignore = [] if find_spec("selenium") else ["test_report.py"]
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "samples"
