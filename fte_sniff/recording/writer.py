@@ -44,7 +44,7 @@ from mcap.records import (
 )
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import unwritable
+from fte_sniff.errors import FileError, unwritable
 from fte_sniff.platform import cores, sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
@@ -71,6 +71,9 @@ from fte_sniff.recording.skeletons import MESSAGE, MESSAGE_HEAD, Template, at_ev
 
 MOST_ROWS: Final = 16_384
 """Rows of a chunk, at most."""
+
+MOST_PORTS: Final = 0xFFFF // len(TOPICS)
+"""Ports of a file, at most: a channel's number has 16 bits, and a port has one for each topic."""
 
 Entry: TypeAlias = Rows | PortEvent
 """What is written."""
@@ -168,7 +171,11 @@ class Encoder:
     """Rows and port events to the bytes of a recording."""
 
     def __init__(self, ports: Sequence[PortFacts], facts: Mapping[str, str]) -> None:
-        """Take the ports whose rows will come, and further items for the file's metadata."""
+        """Take the ports whose rows will come, and further items for the file's metadata.
+
+        Of more than `MOST_PORTS`, each is defined with its first row or event.
+        """
+        ports = ports if len(ports) <= MOST_PORTS else []
         self._ports = {port.name: number for number, port in enumerate(ports)}
         self._schemas = schemas()
         self._defined = [
@@ -259,9 +266,14 @@ class Encoder:
         return b"" if self._chunk_count else bytes_of(*self._schemas, *self._defined)
 
     def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
-        """The schemas and channels that no chunk has yet."""
+        """The schemas and channels that no chunk has yet; raises FileError at too many ports."""
         for port in [*rows.used_ports, *(event.port for event in events)]:
             if port not in self._ports:
+                if len(self._ports) == MOST_PORTS:
+                    raise FileError(
+                        "a recording has at most {most:,} ports; decode some with --filter",
+                        most=MOST_PORTS,
+                    )
                 number = self._ports[port] = len(self._ports)
                 new = channels_of(number, PortFacts(port))
                 self._defined += new

@@ -20,10 +20,10 @@ from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording import schema
 from fte_sniff.recording.chunks import HEAD, records_in, unpack
-from fte_sniff.recording.metadata import LEFT_OUT_NAME, gap_to_metadata
+from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.writer import BulkWriter, RecordingWriter
+from fte_sniff.recording.writer import MOST_PORTS, BulkWriter, RecordingWriter
 from tests.examples import examples
 from tests.recording.samples import (
     BOTH,
@@ -98,6 +98,20 @@ def test_any_row_comes_back(
     for port in BOTH:
         own = [row for row in rows if row.port == port.name]
         assert whole([row for row in found if row.port == port.name]) == whole(own)
+
+
+def test_a_file_has_as_many_ports_as_channels_have_numbers(tmp_path: Path) -> None:
+    ports = [PortFacts(f"port {number}") for number in range(MOST_PORTS + 1)]
+    rows = Rows.of(some_rows(MOST_PORTS + 1, ports))
+    with (tmp_path / "x.mcap").open("wb") as file:
+        writer = BulkWriter(file.fileno(), ports)
+        writer.write(rows[1:])
+        writer.close()
+        assert rows_in(tmp_path / "x.mcap") == list(rows[1:])
+        writer = BulkWriter(file.fileno(), ports)
+        writer.write(rows)
+        with pytest.raises(FileError, match="at most 5,461 ports"):
+            writer.close()
 
 
 def test_frames_of_every_kind_are_decoded_by_the_schema_in_the_file(tmp_path: Path) -> None:
