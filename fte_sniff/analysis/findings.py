@@ -101,11 +101,6 @@ class Finding:
     score: float
 
     @property
-    def about(self) -> str:
-        """Its cause, and the motor if it is about one."""
-        return f"{self.cause}, motor {self.motor}" if self.motor else str(self.cause)
-
-    @property
     def decided_ns(self) -> tuple[int, int]:
         """Its span, with the time after it that decides whether its last commands are answered."""
         return self.first_ns, self.last_ns + DEADLINE_NS

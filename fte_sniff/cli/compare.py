@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rich.text import Text
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
+from fte_sniff.cli.input_files import STDIN, InputQuery, input_options
 from fte_sniff.cli.measuring import (
-    TextTable,
+    finish,
     measure,
     print_json,
     print_lines,
+    table_lines,
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
@@ -51,7 +51,6 @@ def command(query: InputQuery, form: str) -> None:
             "compare needs two sides, BEFORE and AFTER; several files of a side are a folder, or a"
             " pattern in quotes, as in 'monday/*.mcap'"
         )
-    check_inputs(query.files)
     sides = [measure(replace(query, files=(file,)), ANALYSIS) for file in query.files]
     (before, _before), (after, _after) = sides
     found = compared(before, after)
@@ -59,39 +58,37 @@ def command(query: InputQuery, form: str) -> None:
         print_json(comparison_json(found, before, after))
     else:
         set_language(load_settings().language())
-        print_lines(partial(comparison_lines, found))
-    for __, measured in sides:
-        measured.finish()
+        print_lines(comparison_lines(found))
+    finish(*(reading for __, reading in sides))
 
 
 _ALWAYS: Final = ("period", "delay", "delay_p99", "unanswered", "damage")
 """Measures whose numbers are shown whether or not they changed."""
 
 
-def comparison_lines(found: Comparison, width: int | None) -> Iterator[Text]:
-    """What changed, then the numbers of both sides in at most `width` cells."""
+def comparison_lines(found: Comparison) -> Iterator[Text]:
+    """What changed, then the numbers of both sides; those that changed are marked."""
     for number, change in enumerate(found.changes, 1):
-        yield Text(f"{number}. {printable(_(change.text))}", overflow="fold")
+        yield Text(f"{number}. {printable(_(change.text))}")
     if not found.changes and found.numbers:
         yield Text(_("no change that is more than chance and large enough to matter"))
     for text in found.not_compared:
-        yield Text(printable(_("not compared: {text}", text=text)), overflow="fold")
+        yield Text(printable(_("not compared: {text}", text=text)))
     shown = [one for one in found.numbers if one.score or one.measure in _ALWAYS]
     if shown:
+        looks = [LOOKS[Status.SUSPECT if one.score else Status.OK] for one in shown]
+        rows = [
+            [f"{look.mark} {_name(one)}", _value(one, one.before), _value(one, one.after)]
+            for one, look in zip(shown, looks, strict=True)
+        ]
+        styles = [look.style if look.mark.strip() else "" for look in looks]
         yield Text()
-        yield from number_table(shown).lines(width)
+        yield from table_lines([f"  {_('measure')}", _("before"), _("after")], rows, styles)
 
 
-def number_table(numbers: list[Number]) -> TextTable:
-    """A line for each number of both sides; those that changed are marked."""
-    table = TextTable(["measure", "before", "after"])
-    for one in numbers:
-        status = Status.SUSPECT if one.score else Status.OK
-        names = (one.measure, one.kind, one.motor)
-        name = " ".join(str(part) for part in names if part is not None)
-        cells = [printable(name), _value(one, one.before), _value(one, one.after)]
-        table.append(cells, LOOKS[status].style if one.score else "", f"{LOOKS[status].mark} ")
-    return table
+def _name(one: Number) -> str:
+    names = (one.measure, one.kind, one.motor)
+    return printable(" ".join(str(part) for part in names if part is not None))
 
 
 def _value(one: Number, value: float | None) -> str:

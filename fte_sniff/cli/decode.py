@@ -13,7 +13,6 @@ import click
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
-    check_inputs,
     exit_if_unreadable,
     follow_option,
     input_options,
@@ -37,7 +36,7 @@ from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
-@input_options
+@input_options()
 @follow_option
 @rows_format_option(OutputFormat)
 @output_options("Write to this file instead of standard output; its extension selects the format.")
@@ -65,7 +64,6 @@ def command(
     fte-sniff decode samples/clean.mcap --columns time,motor,rpm
     fte-sniff decode --follow capture.mcap --filter "error = 1"
     """
-    check_inputs(query.files, output)
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
     check_columns(columns, written)
     if following is not None and written is OutputFormat.PARQUET:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import tzinfo
 from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, check_inputs, input_options
-from fte_sniff.cli.measuring import (
-    ManyFiles,
-    many_files_options,
-    measure,
-    print_json,
-    text_or_json_option,
-)
+from fte_sniff.cli.input_files import STDIN, InputQuery, input_options
+from fte_sniff.cli.measuring import finish, measure, print_json, text_or_json_option
 from fte_sniff.cli.options import grouped_command
 from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import printable
@@ -24,16 +18,13 @@ from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import findings_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.findings import Report
+    from fte_sniff.analysis.findings import Finding, Report
 
 
 @grouped_command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
-@input_options(filters=False)
+@input_options(filters=False, many=True)
 @text_or_json_option
-@many_files_options
-def command(
-    query: InputQuery, form: str, pair: bool, jobs: int | None, cluster: str | None
-) -> None:
+def command(query: InputQuery, form: str) -> None:
     """Find the spans of time in which something is wrong, all files together, best first.
 
     Unanswered and late commands, damage, silence, ERROR and ONLINE flags, motors that do not follow
@@ -48,27 +39,37 @@ def command(
     from fte_sniff.analysis.events import ANALYSIS
     from fte_sniff.analysis.findings import find
 
-    check_inputs(query.files)
-    counts, measured = measure(query, ANALYSIS, ManyFiles(pair, jobs, cluster))
+    counts, reading = measure(query, ANALYSIS)
     report = find(counts)
     if form == "json":
         print_json(findings_json(report))
     else:
         set_language(load_settings().language())
-        for line in _lines(report, query, measured.reading.source.zone):
+        for line in _lines(report, query, reading.source.zone):
             click.echo(printable(line))
-    measured.finish()
+    finish(reading)
 
 
 def _lines(report: Report, query: InputQuery, zone: tzinfo) -> Iterator[str]:
-    found = report.found
-    days = {iso_time(t_ns, zone)[:10] for one in found for t_ns in (one.first_ns, one.last_ns)}
-    for number, one in enumerate(found, 1):
-        first, last = (iso_time(t_ns, zone)[:19] for t_ns in (one.first_ns, one.last_ns))
-        if len(days) == 1:
-            first, last = first[11:], last[11:]
-        yield f"{number}. {one.about}, {first} to {last}"
+    for number, one in enumerate(report.found, 1):
+        yield f"{number}. {headline(one, report.found, zone)}"
         yield f"   {_(one.text)}"
         if STDIN not in query.files:
             yield f"   {query.view_command(one.decided_ns, one.filter)}"
     yield from (_(one) for one in report.coverage())
+
+
+def headline(one: Finding, found: Sequence[Finding], zone: tzinfo) -> str:
+    """The cause, motor and span of a finding; without days if all findings are of one."""
+    days = {iso_time(t_ns, zone)[:10] for each in found for t_ns in (each.first_ns, each.last_ns)}
+    shown = slice(11 if len(days) == 1 else 0, 19)
+    first, last = (iso_time(t_ns, zone)[shown] for t_ns in (one.first_ns, one.last_ns))
+    if one.motor is None:
+        return _("{cause}, {first} to {last}", cause=one.cause, first=first, last=last)
+    return _(
+        "{cause}, motor {motor}, {first} to {last}",
+        cause=one.cause,
+        motor=one.motor,
+        first=first,
+        last=last,
+    )

@@ -269,17 +269,6 @@ def _absolute(text: str, option: str, zone: tzinfo) -> int:
 # The inputs
 
 
-def _files_argument(*, required: bool) -> Callable[..., Any]:
-    argument: Callable[..., Any] = click.argument(
-        "files",
-        nargs=-1,
-        required=required,
-        metavar="FILE..." if required else "[FILE]...",
-        type=FileName(),
-    )
-    return argument
-
-
 _READING = in_group(
     "Logs of other programs",
     click.option(
@@ -326,6 +315,27 @@ _READING = in_group(
     ),
 )
 
+_MANY_FILES = in_group(
+    "Many files",
+    click.option(
+        "--pair",
+        is_flag=True,
+        help="The files are wires of one line, recorded at the same time.",
+    ),
+    click.option(
+        "--jobs",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Processes that read the files of several captures.  [default: 1]",
+    ),
+    click.option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Read the files on a Dask cluster, such as tcp://192.168.0.9:8786; its workers see the"
+        " same files.",
+    ),
+)
+
 _ZONE = click.option(
     "--zone",
     metavar="ZONE",
@@ -352,28 +362,37 @@ follow_option = click.option(
 
 
 def input_options(
-    command: Callable[..., Any] | None = None, *, required: bool = True, filters: bool = True
-) -> Callable[..., Any]:
+    *, required: bool = True, filters: bool = True, many: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Add FILE... and the options that select its rows; the command receives them as `query`.
 
-    Without `required` there may be no file; without `filters` there is no `--filter`.
+    Without `required` there may be no file; without `filters` there is no `--filter`; with `many`
+    there are options for many files.
     """
-    if command is None:
-        return partial(input_options, required=required, filters=filters)
 
-    @wraps(command)
-    def with_query(**options: Any) -> Any:
-        given = {one.name: options.pop(one.name, None) for one in fields(InputQuery)}
-        return command(query=InputQuery(**given), **options)
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def with_query(**options: Any) -> Any:
+            known = {one.name for one in fields(InputQuery)} & options.keys()
+            query = InputQuery(**{name: options.pop(name) for name in known})
+            check_inputs(query.files, options.get("output"))
+            return command(query=query, **options)
 
-    rows = (filter_option, span_options) if filters else (span_options,)
-    options = all_of(
-        _files_argument(required=required),
-        in_group("Rows", *rows, _ZONE),
-        in_group("Logs of other programs", _READING),
-    )
-    with_options: Callable[..., Any] = options(with_query)
-    return with_options
+        rows = (filter_option, span_options) if filters else (span_options,)
+        return all_of(
+            click.argument(
+                "files",
+                nargs=-1,
+                required=required,
+                metavar="FILE..." if required else "[FILE]...",
+                type=FileName(),
+            ),
+            in_group("Rows", *rows, _ZONE),
+            _READING,
+            *([_MANY_FILES] if many else []),
+        )(with_query)
+
+    return decorate
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,6 +419,12 @@ class InputQuery:
     """The first time, as `--from` takes it."""
     until: str | None = None
     """The time after the last, as `--to` takes it."""
+    pair: bool = False
+    """Whether the files are wires of one line."""
+    jobs: int | None = None
+    """Processes that read them; None for this one."""
+    cluster: str | None = None
+    """Address of the Dask cluster that reads them."""
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
@@ -468,7 +493,6 @@ class InputQuery:
         following: Following | None = None,
         *,
         facts: bool = False,
-        pair: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
@@ -499,7 +523,7 @@ class InputQuery:
             unreadable,
             progress,
             facts=facts,
-            pair=pair,
+            pair=self.pair,
             zone=self.zone_given() or UTC,
         )
         if following is not None:

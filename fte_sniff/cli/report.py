@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fte_sniff.cli.input_files import InputQuery, check_inputs, input_options, output_options
-from fte_sniff.cli.measuring import measure
+from fte_sniff.cli.input_files import InputQuery, input_options, output_options
+from fte_sniff.cli.measuring import finish, measure
 from fte_sniff.cli.options import grouped_command, install_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err
@@ -22,7 +22,7 @@ _SUFFIXES = (".html", ".htm")
 
 
 @grouped_command(name="report", short_help="One HTML page with plots, to send to a colleague.")
-@input_options
+@input_options()
 @output_options("The HTML file, such as report.html.", required=True)
 @lang_option
 def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> None:
@@ -35,8 +35,8 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     fte-sniff report samples/damaged.mcap -o report.html
     fte-sniff report logs/ --from -10m -o last.html
     """
-    check_inputs(query.files, output)
-    _check_suffix(output)
+    if output.suffix.lower() not in _SUFFIXES:
+        raise UsageError(f"{output}: a report is HTML; name it {output.with_suffix('.html')}")
     try:
         from fte_sniff.cli.report_page import Bins, page, title_of
     except ModuleNotFoundError as error:
@@ -45,8 +45,9 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.findings import find
+    from fte_sniff.cli.findings import headline
     from fte_sniff.cli.stats import report_lines
-    from fte_sniff.i18n import set_language
+    from fte_sniff.i18n import _, set_language
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
     from fte_sniff.session.stats_json import statistics_json
 
@@ -59,14 +60,14 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         bins.expect(_times(reading))
         return bins.observe
 
-    counts, measured = measure(query, STATISTICS_AND_FINDINGS, observer=observer)
-    reading = measured.reading
+    counts, reading = measure(query, STATISTICS_AND_FINDINGS, observer=observer)
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
     findings = find(counts).found if query.filter_text is None else []
+    zone = reading.source.zone
     texts = {
-        "findings": "\n".join(f"{one.about}: {one.text}" for one in findings),
-        "statistics": "\n".join(line.plain for line in report_lines(numbers, reading, None)),
+        "findings": "\n".join(f"{headline(one, (), zone)}: {_(one.text)}" for one in findings),
+        "statistics": "\n".join(line.plain for line in report_lines(numbers, reading)),
         "notes": "\n".join(map(printable, reading.notes)),
     }
     shown = {heading: text for heading, text in texts.items() if text}
@@ -77,19 +78,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         raise unwritable(output, error) from error
     size = f"{numbers['rows']:,} rows, {len(text) / 1e6:,.1f} MB"
     print_err(f"fte-sniff: {output}: {size}")
-    measured.finish(counted=numbers["rows"], filter_text=query.filter_text)
-
-
-def _check_suffix(output: Path) -> None:
-    """Check that the name of a file has no extension of another format; raises UsageError."""
-    if output.suffix.lower() in ("", *_SUFFIXES) or (output.exists() and not output.is_file()):
-        return
-    is_number = output.suffix[1:].isdigit()  # of a name such as report-1.5
-    named = output.with_name(f"{output.name}.html") if is_number else output.with_suffix(".html")
-    raise UsageError(
-        f"{output}: a report is HTML, and {output.suffix} is not one of {' '.join(_SUFFIXES)};"
-        f" name it {named}"
-    )
+    finish(reading)
 
 
 def _times(reading: InputReading) -> tuple[int, int] | None:

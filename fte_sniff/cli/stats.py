@@ -1,36 +1,28 @@
-"""`fte-sniff stats`: statistics over files, as text that fits a width, or as one JSON object."""
+"""`fte-sniff stats`: statistics over files, as text or as one JSON object."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from datetime import tzinfo
-from functools import partial
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import click
 from rich.text import Text
 
-from fte_sniff.cli.input_files import InputQuery, check_inputs, gap_text, input_options
+from fte_sniff.cli.input_files import InputQuery, gap_text, input_options
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
-    ManyFiles,
-    TextTable,
-    many_files_options,
+    finish,
     measure,
     print_json,
     print_lines,
+    table_lines,
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
-from fte_sniff.formats.cell_text import (
-    UNKNOWN,
-    fit,
-    rate_text,
-    share_text,
-    span_text,
-)
+from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import VALUE_FIELDS, Status, iso_time
 from fte_sniff.protocol.columns import iso_time_ns
@@ -44,12 +36,9 @@ if TYPE_CHECKING:
 @grouped_command(
     name="stats", short_help="Statistics over files: rates, faults, silences, answers."
 )
-@input_options
+@input_options(many=True)
 @text_or_json_option
-@many_files_options
-def command(
-    query: InputQuery, form: str, pair: bool, jobs: int | None, cluster: str | None
-) -> None:
+def command(query: InputQuery, form: str) -> None:
     """Print statistics over recordings, raw bytes or hex text, all files together.
 
     Duration, rows and bytes, use and silences of each line; faults by kind; rate, period, jitter
@@ -64,58 +53,63 @@ def command(
     from fte_sniff.analysis import findings, statistics
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
 
-    check_inputs(query.files)
     # A filter hides rows whose absence would be a finding.
     with_findings = form == "table" and query.filter_text is None
     analysis = STATISTICS_AND_FINDINGS if with_findings else statistics.ANALYSIS
-    counts, measured = measure(query, analysis, ManyFiles(pair, jobs, cluster))
-    numbers = statistics_json(counts, measured.reading, query.filter_text, query.baud)
+    counts, reading = measure(query, analysis)
+    numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     if form == "json":
         print_json(numbers)
     else:
-        print_lines(partial(report_lines, numbers, measured.reading))
+        print_lines(report_lines(numbers, reading))
         if with_findings and (found := findings.find(counts).found):
             files = shlex.join(map(str, query.files))
             click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings {files}")
-    measured.finish(counted=numbers["rows"], filter_text=query.filter_text)
+    finish(reading)
 
 
 _LABEL: Final = 10
-STREAM: Final = "kind and motor"
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
-_MARKED: Final = "  "
-_WORRY: Final = LOOKS[Status.MALFORMED]
 
 When: TypeAlias = Callable[[str | None], str]
 """The time of day of a time of the JSON object; a dash for None."""
 
+Columns: TypeAlias = Sequence[tuple[str, Callable[[Json, When], str]]]
+"""Heads, and the text of their cells for an object."""
 
-def report_lines(numbers: Json, reading: InputReading, width: int | None) -> Iterator[Text]:
-    """The lines of the report about the object of docs/stats.md.
 
-    Tables take at most `width` cells, None for no limit.
-    """
-    zone = reading.source.zone
-    when = _clock(numbers, zone)
+def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
+    """The lines of the report about the object of docs/stats.md."""
+    when, ports = _clock(numbers, reading.source.zone), numbers["ports"]
     yield from _whole(numbers, reading)
     if len(numbers["files"]) > 1:
-        yield Text()
-        yield from _files(numbers, zone).lines(width)
-    for port in numbers["ports"]:
+        yield from _table(_FILES, numbers["files"], when)
+    for port in ports:
         yield Text()
         yield from _port(port, when)
-        if len(numbers["ports"]) > 1:
+        if len(ports) > 1:
             yield _line("  status", _statuses(port["status"], port["rows"]))
-        if port["faults"]:
-            yield Text()
-            yield from _faults(port["faults"], when).lines(width)
-        if port["streams"]:
-            yield Text()
-            yield from _streams(port, when, width)
+        styles = [LOOKS[Status(one["status"])].style for one in port["faults"]]
+        yield from _table(_FAULTS, port["faults"], when, styles)
+        streams, has_times = port["streams"], port["first_time"] is not None
+        yield from _table(_PERIODS, streams if has_times else [], when)
+        for is_motor in (True, False):
+            own = [one for one in streams if (one[MOTOR] is not None) is is_motor]
+            own = [one for one in own if one["values"] or not has_times]
+            yield from _table(_values(own), own, when)
     if any(one["commands"] or one["feedback"] for one in numbers["motors"]):
-        yield Text()
-        yield from _motors(numbers).lines(width)
+        yield from _table(_MOTORS, numbers["motors"], when)
         yield from _motor_notes(numbers, when)
+
+
+def _table(
+    columns: Columns, objects: Sequence[Json], when: When, styles: Sequence[str] = ()
+) -> Iterator[Text]:
+    """An empty line and a table of objects, if there are any."""
+    if objects:
+        rows = [[text(one, when) for _, text in columns] for one in objects]
+        yield Text()
+        yield from table_lines([head for head, _ in columns], rows, styles)
 
 
 def _in_zone(time: str, zone: tzinfo) -> str:
@@ -157,28 +151,16 @@ def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
         yield _line("status", _statuses(numbers["status"], rows))
 
 
-def _files(numbers: Json, zone: tzinfo) -> TextTable:
-    table = TextTable(["file", "rows", "bytes", "first row"])
-    for one in numbers["files"]:
-        first = one["first_time"]
-        first = UNKNOWN if first is None else _in_zone(first, zone)[:23]
-        table.append([printable(one["name"]), f"{one['rows']:,}", f"{one['bytes']:,}", first])
-    return table
-
-
 def _statuses(counts: Json, rows: int) -> Text:
     """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
     parts = []
-    for status in Status:
-        count = counts[status]["rows"]
-        mark = "" if status is Status.OK or not count else f"{LOOKS[status].mark} "
-        style = LOOKS[status].style if count else "default"
-        parts.append(Text(f"{mark}{status} {_share(count, rows)}", style))
+    for status, look in LOOKS.items():
+        if not (count := counts[status]["rows"]):
+            parts.append(Text(f"{status} 0"))
+            continue
+        text = f"{look.mark} {status} {count:,} ({share_text(count / rows)})"
+        parts.append(Text(text.strip(), look.style))
     return Text(", ").join(parts)
-
-
-def _share(count: int, whole: int) -> str:
-    return f"{count:,} ({share_text(count / whole)})" if count else "0"
 
 
 def _span(seconds: float | None) -> str:
@@ -197,19 +179,6 @@ def _port(port: Json, when: When) -> Iterator[Text]:
         yield _line("  silence", _silence(port["silences"], when))
     for number, event in enumerate(port["events"]):
         yield _line("" if number else "  events", _event(event, when))
-
-
-def _faults(faults: Sequence[Json], when: When) -> TextTable:
-    table = TextTable(["fault", "rows", "of all", "bytes", "of all", "first", "last"])
-    for one in faults:
-        look = LOOKS[Status(one["status"])]
-        cells = [
-            *(one["fault"], f"{one['rows']:,}", share_text(one["rows_share"])),
-            *(f"{one['bytes']:,}", share_text(one["bytes_share"])),
-            *(when(one["first_time"]), when(one["last_time"])),
-        ]
-        table.append(cells, look.style, f"{look.mark} ")
-    return table
 
 
 def _silence(silences: Json, when: When) -> str:
@@ -234,60 +203,57 @@ def _from_to(one: Json, when: When) -> str:
     return when(first) if first == last else f"{when(first)} to {when(last)}"
 
 
-def _streams(port: Json, when: When, width: int | None) -> Iterator[Text]:
-    """Tables of periods and values; motors and chassis have one each."""
-    streams = port["streams"]
-    if port["first_time"] is not None:
-        yield from _periods(streams, when).lines(width)
-        yield Text()
-        streams = [stream for stream in streams if stream["values"]]
-    of_motors = [stream for stream in streams if stream[MOTOR] is not None]
-    of_all = [stream for stream in streams if stream[MOTOR] is None]
-    for number, some in enumerate(filter(None, (of_motors, of_all))):
-        yield from [Text()] if number else []
-        yield from _values(some).lines(width)
+def _count(name: str) -> tuple[str, Callable[[Json, When], str]]:
+    """The column of a count."""
+    return name, lambda one, _: UNKNOWN if one[name] is None else f"{one[name]:,}"
 
 
-def _periods(streams: Sequence[Json], when: When) -> TextTable:
-    heads = ["frames", "rate", "period", "jitter", "longest", "until", "99 %"]
-    table = TextTable([STREAM, *heads])
-    for stream in streams:
-        period = stream["period"]
-        cells = [
-            *(_stream_name(stream), f"{stream['frames']:,}", rate_text(stream["frames_per_s"])),
-            *(_span(period["p50_s"]), _span(stream["jitter_s"])),
-            *(_span(period["longest_s"]), when(period["longest_until"]), _span(period["p99_s"])),
-        ]
-        table.append(cells, mark=_MARKED)
-    return table
+_FILES: Final[Columns] = (
+    ("file", lambda one, _: printable(one["name"])),
+    *map(_count, ("rows", "bytes")),
+    ("first row", lambda one, when: when(one["first_time"])),
+)
+_FAULTS: Final[Columns] = (
+    ("  fault", lambda one, _: f"{LOOKS[Status(one['status'])].mark} {one['fault']}"),
+    _count("rows"),
+    ("of all", lambda one, _: share_text(one["rows_share"])),
+    _count("bytes"),
+    ("of all", lambda one, _: share_text(one["bytes_share"])),
+    ("first", lambda one, when: when(one["first_time"])),
+    ("last", lambda one, when: when(one["last_time"])),
+)
+_STREAM: Final[Columns] = (
+    ("  kind and motor", lambda one, _: f"  {one['kind']} {one[MOTOR] or ''}".rstrip()),
+    _count("frames"),
+)
+_PERIODS: Final[Columns] = (
+    *_STREAM,
+    ("rate", lambda one, _: rate_text(one["frames_per_s"])),
+    ("period", lambda one, _: _span(one["period"]["p50_s"])),
+    ("jitter", lambda one, _: _span(one["jitter_s"])),
+    ("longest", lambda one, _: _span(one["period"]["longest_s"])),
+    ("until", lambda one, when: when(one["period"]["longest_until"])),
+    ("99 %", lambda one, _: _span(one["period"]["p99_s"])),
+)
+_MOTORS: Final[Columns] = (
+    (MOTOR, lambda one, _: str(one[MOTOR])),
+    *map(_count, ("commands", "feedback", "answered", "unanswered")),
+    ("unknown", _count("neither")[1]),
+    ("delay", lambda one, _: _span(one["delay"]["p50_s"])),
+    ("99 %", lambda one, _: _span(one["delay"]["p99_s"])),
+    ("longest", lambda one, _: _span(one["delay"]["longest_s"])),
+)
 
 
-def _values(streams: Sequence[Json]) -> TextTable:
-    """The range of each quantity; a name ends in its unit, or is it."""
+def _values(streams: Sequence[Json]) -> Columns:
+    """The columns of the range of each quantity; a name ends in its unit, or is it."""
+
+    def text(name: str) -> Callable[[Json, When], str]:
+        ends = "{least} .. {greatest}"
+        return lambda one, _: ends.format_map(one["values"][name]) if name in one["values"] else "–"
+
     names = [name for name in _QUANTITIES if any(name in one["values"] for one in streams)]
-    table = TextTable([STREAM, "frames", *names])
-    for stream in streams:
-        ranges = (stream["values"].get(name) for name in names)
-        cells = (
-            UNKNOWN if ends is None else f"{ends['least']} .. {ends['greatest']}" for ends in ranges
-        )
-        table.append([_stream_name(stream), f"{stream['frames']:,}", *cells], mark=_MARKED)
-    return table
-
-
-def _stream_name(stream: Json) -> str:
-    motor = stream[MOTOR]
-    return str(stream["kind"]) if motor is None else f"{stream['kind']} {motor}"
-
-
-def _motors(numbers: Json) -> TextTable:
-    names = ["commands", "feedback", "answered", "unanswered", "neither"]
-    table = TextTable([MOTOR, *names[:-1], "unknown", "delay", "99 %", "longest"])
-    for one in numbers["motors"]:
-        counts = (UNKNOWN if one[name] is None else f"{one[name]:,}" for name in names)
-        spans = (_span(one["delay"][name]) for name in ("p50_s", "p99_s", "longest_s"))
-        table.append([str(one[MOTOR]), *counts, *spans])
-    return table
+    return (*_STREAM, *((name, text(name)) for name in names))
 
 
 def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
@@ -299,11 +265,9 @@ def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
         yield Text("the inputs overlap in time: answers cannot be matched to commands")
     elif any(one["neither"] for one in motors):
         yield Text("unknown: resets; commands before the first feedback, or open where rows end")
-    if not any(one["feedback"] for one in motors):
-        return
-    warnings = [text for one in motors for text in _flags(one, when)]
-    yield from (Text(f"{_WORRY.mark} {words}", _WORRY.style) for words in warnings)
-    if not warnings:
+    look, warnings = LOOKS[Status.MALFORMED], [text for one in motors for text in _flags(one, when)]
+    yield from (Text(f"{look.mark} {words}", look.style) for words in warnings)
+    if not warnings and any(one["feedback"] for one in motors):
         yield Text("no ERROR bit was ever set, and every motor was always ONLINE")
 
 

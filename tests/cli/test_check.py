@@ -9,14 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rich.cells import cell_len
 
 from fte_sniff.protocol import KIND_BY_NAME, Fault, Row, encode
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.beside import running
 from tests.cli.conftest import ROOT
-from tests.cli.terminals import terminal
 from tests.slow import first
 from tests.support.recorded_rows import write_recording
 
@@ -149,22 +147,3 @@ def test_each_documented_rule_finds_its_fault(
     rows = BROKEN[name](a_good_minute())
     found = verdicts(run, write(tmp_path / "bad.mcap", rows), documented)
     assert found[name] == "fail"
-
-
-@pytest.mark.parametrize("columns", [60, 80, 200])
-def test_a_terminal_of_any_width_shows_every_verdict_on_one_line(
-    samples: Path, environment: dict[str, str], tmp_path: Path, columns: int
-) -> None:
-    rules = [word for rule in (BAD, UNCOVERED) for word in ("--expect", rule)]
-    file = str(samples / "damaged.mcap")
-    with terminal(environment, tmp_path, "check", file, *rules, size=(columns, 24)) as one:
-        assert one.ended() == 1
-        lines = re.sub(r"\x1b\[[0-9;]*m", "", one.drawn.decode()).splitlines()
-    assert len(lines) == 6
-    # What names a row is never cut: a command can be copied whole.
-    whole = [line for line in lines if not line.startswith("    f")]
-    assert len(whole) == 4
-    assert max(map(cell_len, whole)) <= columns
-    assert lines[3].endswith("--filter malformed")
-    assert "fail" in lines[1]
-    assert "not covered" in lines[4]

@@ -12,7 +12,6 @@ from pathlib import Path
 import polars as pl
 import pytest
 from mcap.records import Metadata
-from rich.cells import cell_len
 
 import fte_sniff
 from fte_sniff.protocol import (
@@ -30,7 +29,6 @@ from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
-from tests.slow import crossed
 from tests.support.columns import entries
 from tests.support.recorded_rows import write_recording
 
@@ -192,20 +190,16 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert "no row is between" in between.stderr
 
 
-@pytest.mark.parametrize(("columns", "name"), crossed([40, 80, 200], ["damaged", "clean"]))
-def test_on_a_terminal_it_keeps_to_the_width(
-    environment, tmp_path: Path, samples: Path, columns: int, name: str
+def test_terminal_has_the_lines_of_a_pipe_in_colours(
+    environment, tmp_path: Path, samples: Path, run
 ) -> None:
-    file = str(samples / f"{name}.mcap")
-    with terminal(environment, tmp_path, "stats", file, size=(columns, 24)) as one:
+    file = str(samples / "damaged.mcap")
+    with terminal(environment, tmp_path, "stats", file, size=(40, 24)) as one:
         assert one.ended() == 0
         drawn = one.drawn.decode()
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", drawn)
-    # The command that shows the findings can be copied whole.
-    lines = [line for line in plain.splitlines() if not line.startswith("findings")]
-    assert max(map(cell_len, lines)) <= columns
     assert "\x1b[" in drawn
-    assert ("99 %" in plain.split("kind and motor")[1]) is (columns == 200)
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", drawn)
+    assert plain.splitlines() == run("stats", file).stdout.splitlines()
 
 
 def test_no_colour_where_none_is_wanted(environment, tmp_path: Path, samples: Path, run) -> None:
@@ -219,7 +213,7 @@ def test_no_colour_where_none_is_wanted(environment, tmp_path: Path, samples: Pa
     assert "? reserved_nonzero" in plain
 
 
-def test_ctrl_c_stops_at_once_and_reports_what_was_read(environment, tmp_path: Path) -> None:
+def test_ctrl_c_stops_at_once(environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "stats", "-", stdin=subprocess.PIPE) as process:
         assert process.stdin is not None
         process.stdin.write(bytes(1 << 17))
@@ -228,13 +222,7 @@ def test_ctrl_c_stops_at_once_and_reports_what_was_read(environment, tmp_path: P
         assert process.wait(BOUND_S) in (130, -signal.SIGINT)
         assert process.stdout is not None
         assert process.stderr is not None
-        reported, errors = process.stdout.read(), process.stderr.read()
-        assert b"Traceback" not in errors
-        if process.returncode == 130 and reported:  # it was reading
-            assert reported.startswith(b"files      stdin\nrows       ")
-            assert re.fullmatch(
-                rb"fte-sniff: interrupted; 0 of 1 files and [\d,]+ rows were read\n", errors
-            )
+        assert (process.stdout.read(), process.stderr.read()) == (b"", b"")
 
 
 def keys_of(value: object) -> set[str]:
