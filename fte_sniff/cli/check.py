@@ -14,9 +14,8 @@ from xml.etree import ElementTree as ET
 
 import click
 
-from fte_sniff.cli.findings import headline
 from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, input_options
-from fte_sniff.cli.measuring import finish, measure, print_json, print_lines, table_lines
+from fte_sniff.cli.measuring import finish, headline, measure, print_json, print_lines, table_lines
 from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable, unreadable

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import tzinfo
 from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.cli.input_files import STDIN, InputQuery, input_options
-from fte_sniff.cli.measuring import finish, measure, print_json, text_or_json_option
+from fte_sniff.cli.measuring import finish, headline, measure, print_json, text_or_json_option
 from fte_sniff.cli.options import grouped_command
 from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import printable
 from fte_sniff.i18n import _, set_language
-from fte_sniff.protocol import iso_time
 from fte_sniff.session.stats_json import findings_json
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.findings import Finding, Report
+    from fte_sniff.analysis.findings import Report
 
 
 @grouped_command(name="findings", short_help="What is wrong in files: cause, motor, span, rows.")
@@ -57,19 +56,3 @@ def _lines(report: Report, query: InputQuery, zone: tzinfo) -> Iterator[str]:
         if STDIN not in query.files:
             yield f"   {query.view_command(one.decided_ns, one.filter)}"
     yield from (_(one) for one in report.coverage())
-
-
-def headline(one: Finding, found: Sequence[Finding], zone: tzinfo) -> str:
-    """The cause, motor and span of a finding; without days if all findings are of one."""
-    days = {iso_time(t_ns, zone)[:10] for each in found for t_ns in (each.first_ns, each.last_ns)}
-    shown = slice(11 if len(days) == 1 else 0, 19)
-    first, last = (iso_time(t_ns, zone)[shown] for t_ns in (one.first_ns, one.last_ns))
-    if one.motor is None:
-        return _("{cause}, {first} to {last}", cause=one.cause, first=first, last=last)
-    return _(
-        "{cause}, motor {motor}, {first} to {last}",
-        cause=one.cause,
-        motor=one.motor,
-        first=first,
-        last=last,
-    )

@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from datetime import tzinfo
 from functools import partial
 from itertools import chain, repeat
 from pathlib import Path
@@ -16,11 +17,13 @@ from fte_sniff.cli.options import format_option
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import printable_json
+from fte_sniff.i18n import _
 from fte_sniff.protocol import iso_time
 
 if TYPE_CHECKING:
     from rich.text import Text
 
+    from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.segments import Analysis, Part
     from fte_sniff.analysis.table import Table
     from fte_sniff.session.inputs import InputReading, ReadingCounts
@@ -116,6 +119,22 @@ def finish(*readings: InputReading, refused: bool = False) -> None:
         sys.exit(FileError.exit_code)
     if refused:
         sys.exit(1)
+
+
+def headline(one: Finding, found: Sequence[Finding], zone: tzinfo) -> str:
+    """The cause, motor and span of a finding; without days if all findings are of one."""
+    days = {iso_time(t_ns, zone)[:10] for each in found for t_ns in (each.first_ns, each.last_ns)}
+    shown = slice(11 if len(days) == 1 else 0, 19)
+    first, last = (iso_time(t_ns, zone)[shown] for t_ns in (one.first_ns, one.last_ns))
+    if one.motor is None:
+        return _("{cause}, {first} to {last}", cause=one.cause, first=first, last=last)
+    return _(
+        "{cause}, motor {motor}, {first} to {last}",
+        cause=one.cause,
+        motor=one.motor,
+        first=first,
+        last=last,
+    )
 
 
 HEAD_STYLE: Final = "dim"

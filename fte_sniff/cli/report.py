@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fte_sniff.cli.input_files import InputQuery, input_options, output_options
-from fte_sniff.cli.measuring import finish, measure
+from fte_sniff.cli.measuring import finish, headline, measure
 from fte_sniff.cli.options import grouped_command, install_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err
@@ -45,7 +45,6 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.findings import find
-    from fte_sniff.cli.findings import headline
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import _, set_language
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
