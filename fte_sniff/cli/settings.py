@@ -42,7 +42,6 @@ from fte_sniff.tui.cells import ORDER
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.line_setup import LineSetup
-    from fte_sniff.session.user_state import Place
     from fte_sniff.tui.options import Choices
 
 
@@ -83,9 +82,6 @@ def _is_zone(value: Any) -> bool:
 
 _TEXT: Final = _Kind("a text", lambda value: isinstance(value, str) and bool(value))
 _YES_OR_NO: Final = _Kind("true or false", lambda value: isinstance(value, bool))
-_SHARE: Final = _number(
-    "a whole number from 10 to 85, in percent", lambda percent: 10 <= percent <= 85, int
-)
 _RATIO: Final = _number("a number above 0", lambda number: 0 < number < 1e9, int, float)
 
 _SCREEN: Final[Mapping[str, _Kind]] = {
@@ -94,11 +90,7 @@ _SCREEN: Final[Mapping[str, _Kind]] = {
         f"different names out of {', '.join(ORDER)}",
         lambda names: all(name in list(ORDER) for name in names) and len({*names}) == len(names),
     ),
-    "events": _YES_OR_NO,
     "language": _one_of((*LANGUAGES, AUTO)),
-    "pane_beside": _YES_OR_NO,
-    "pane_height": _SHARE,
-    "pane_width": _SHARE,
 }
 """What the table of the screen may have: fields of `Choices`."""
 
@@ -166,7 +158,7 @@ class Settings:
 
     @property
     def _written(self) -> Choices:
-        """Theme, view, filters and panes of the file."""
+        """Theme, columns, language and filters of the file."""
         from fte_sniff.tui.options import Choices
 
         return Choices(**self.screen, filters=tuple(self.filters.items()))
@@ -180,13 +172,6 @@ class Settings:
         filters = _values(stored.pop("filters", {}), "filters", None, [])
         chosen = _values(stored, "screen", _SCREEN, [])
         return replace(self._written, **chosen, filters=tuple({**self.filters, **filters}.items()))
-
-    def choices_at(self, place: Place) -> Choices:
-        """The choices, with the columns of a view that was left."""
-        names = place.columns
-        if names is None or not set(names) <= set(ORDER):
-            return self.choices
-        return replace(self.choices, columns=names)
 
     def keep(self, choices: Choices) -> None:
         """Store what differs from the file for the next start; a failure is only reported."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -22,7 +20,6 @@ from fte_sniff.cli.input_files import (
     input_options,
     print_notes,
     print_saved,
-    row_filter,
 )
 from fte_sniff.cli.options import (
     alert_of,
@@ -30,16 +27,12 @@ from fte_sniff.cli.options import (
     grouped_command,
 )
 from fte_sniff.cli.settings import lang_option, load_settings
-from fte_sniff.cli.streams import ending_signals, print_err, progress_line
-from fte_sniff.errors import FileError, FilterError, UsageError
+from fte_sniff.cli.streams import ending_signals, progress_line
+from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import Input
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.session.user_state import Place
 
 
 @grouped_command(name="view", short_help="Show files on the screen of live.")
@@ -85,12 +78,10 @@ def command(
     check_inputs(query.files)
     from fte_sniff.session.notes import Notes
     from fte_sniff.session.replay import ReplaySession, played
-    from fte_sniff.session.user_state import read_place
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
     wanted, paths = query.row_filter(), query.paths()
-    place = read_place(paths)
     with progress_line() as line:
         reading = query.read(None, progress=line.progress, following=following)
         items = iter(reading)
@@ -109,18 +100,16 @@ def command(
         following,
     )
     opening = StartOptions(
-        row_filter=wanted or _filter_of(place),
+        row_filter=wanted,
         alert=alert_of(alert_text, query.zone_given()),
         line_setup=setup,
         export_source=reading.source,
         zone=query.zone_given(),
         language=language,
-        choices=settings.choices_at(place),
+        choices=settings.choices,
         save_choices=settings.keep,
         warnings=(*settings.trouble, *notes.damage),
         notes=notes,
-        place=place if play_speed is None else replace(place, cursor=None),
-        save_place=partial(_keep_place, paths, place),
     )
     code = run_screen(session, opening)
     with ending_signals(session.stop) as request_end:
@@ -144,28 +133,9 @@ def _up_to_rows(items: Iterator[Item]) -> list[Item]:
     return found
 
 
-def _keep_place(paths: Sequence[Path], before: Place, place: Place) -> None:
-    """Save where the view is left, if that is new; a failure is only reported."""
-    from fte_sniff.session.user_state import save_place
-
-    if place != before:
-        try:
-            save_place(paths, place)
-        except FileError as error:
-            print_err(f"where the view was left is not saved: {error}")
-
-
 def _row_count(inputs: Sequence[Input]) -> int | None:
     counts = [one.count for one in inputs if one.count is not None]
     return sum(counts) if len(counts) == len(inputs) else None
-
-
-def _filter_of(place: Place) -> RowFilter | None:
-    """The filter with which a view was left; None without one."""
-    try:
-        return row_filter(place.filter or None)
-    except FilterError:  # of another version
-        return None
 
 
 def _latest() -> Path:

@@ -18,7 +18,6 @@ import stat
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from fte_sniff.analysis.time_text import time_ns
@@ -109,7 +108,6 @@ class Notes:
         self.written: list[Path] = []
         """Files that were written."""
         self._pending: list[Note] = []
-        self._saving = Lock()
         self.notes: dict[RowKey, Note] = {}
         for _, path in self._starts:
             for note in self._read(path):
@@ -166,23 +164,22 @@ class Notes:
         self._pending.append(note)
 
     def save(self) -> str | None:
-        """Append the changes; returns what went wrong, if anything. Any thread may call it.
+        """Append the changes; returns what went wrong, if anything.
 
         Changes that cannot be written are kept, and tried again by the next call.
         """
-        with self._saving:
-            while self._pending:
-                note = self._pending[0]
-                path = self.path_of(note.key)
-                if path is not None:
-                    try:
-                        _append(path, note.line().encode())
-                    except OSError as error:
-                        text = "the notes are not saved: {path}: {why}"
-                        return TranslatableText(text, path=path, why=reason_of(error))
-                    if path not in self.written:
-                        self.written.append(path)
-                del self._pending[0]
+        while self._pending:
+            note = self._pending[0]
+            path = self.path_of(note.key)
+            if path is not None:
+                try:
+                    _append(path, note.line().encode())
+                except OSError as error:
+                    text = "the notes are not saved: {path}: {why}"
+                    return TranslatableText(text, path=path, why=reason_of(error))
+                if path not in self.written:
+                    self.written.append(path)
+            del self._pending[0]
         return None
 
 

@@ -33,8 +33,6 @@ from fte_sniff.i18n import LANGUAGES, THEMES, _, choice_after, set_language, swi
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
 from fte_sniff.protocol.dissect import dissect
-from fte_sniff.session.notes import RowKey
-from fte_sniff.session.user_state import Place
 from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.commands import COMMANDS, IN_FOOTER, Needs
 from fte_sniff.tui.detail import DetailPage
@@ -47,7 +45,7 @@ from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.line import CommandLine
 from fte_sniff.tui.motors import MotorsPage
 from fte_sniff.tui.notes import NotesControl
-from fte_sniff.tui.options import DEFAULTS, SHARES, Choices, StartOptions
+from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.pages import Context, Page, Pane
 from fte_sniff.tui.parts import Parts
 from fte_sniff.tui.status import Mode, StatusLine, TitleLine, badge_text, mode_of
@@ -78,9 +76,6 @@ LEAST: Final = 9
 BESIDE_CELLS: Final = 160
 """Cells from which on the pane can be beside the table."""
 
-STEP_SHARE: Final = 10
-"""Percent by which the pane grows."""
-
 
 Part: TypeAlias = MotorStrip | RowTable | Pane
 """What can have the keys."""
@@ -107,6 +102,7 @@ class SniffApp(App[None]):
         self.language = options.language
         self.theme = options.choices.theme or THEMES[0]
         self.animation_level = "none"
+        self.HORIZONTAL_BREAKPOINTS = [(BESIDE_CELLS, "-beside")]
         self.VERTICAL_BREAKPOINTS = [(0, "-least"), (LEAST, "-tiny"), (LOW, "-low")]
         self.failure: FteSniffError | None = None
         self._options = options
@@ -134,8 +130,6 @@ class SniffApp(App[None]):
         self._header, self.status, self.title_line = TableHeader(), StatusLine(), TitleLine()
         self.table = RowTable(view, self._header, options.choices.view)
         self.strip, self.line, self.pane = MotorStrip(), CommandLine(), Pane()
-        choices = options.choices
-        self._beside, self._shares = choices.pane_beside, [choices.pane_height, choices.pane_width]
         self._part: Part = self.table
         self.findings, self.motors, self.streams = FindingsPage(), MotorsPage(), StreamsPage()
         pages: tuple[Page, ...] = (DetailPage(), self.motors, self.streams, self.findings)
@@ -309,7 +303,6 @@ class SniffApp(App[None]):
             self.table.stop_following()
         if page is None and self._part is self.pane:
             self._give(self.table)
-        self._place_pane()
         self._asked = ()
         self.call_after_refresh(self.show_state)
 
@@ -321,9 +314,9 @@ class SniffApp(App[None]):
             self._show(self.motors)
         self._asked = ()
 
-    def do_change(self, what: str, by: int) -> None:
-        """Change how the motors are drawn."""
-        self.motors.change(what, by)
+    def do_zoom(self, by: int) -> None:
+        """Plot more time (`by` 1), or less (-1)."""
+        self.motors.zoom(by)
         self._asked = ()
 
     def do_field(self, by: int) -> None:
@@ -336,36 +329,6 @@ class SniffApp(App[None]):
         count, current = len(dissect(row)), self.table.field
         start = (-1 if by > 0 else count) if current is None else current
         self.table.look_at((start + by) % count)
-
-    def do_grow(self, by: int) -> None:
-        """Make the pane larger (`by` 1) or smaller (-1)."""
-        beside, body = self._is_beside, self.query_one("#body").size
-        own = self.pane.outer_size
-        now = own.width / body.width if beside else own.height / body.height
-        share = self._shares[beside] or round(now * 100)
-        self._shares[beside] = min(max(share + by * STEP_SHARE, SHARES.start), SHARES.stop - 1)
-        self._place_pane()
-
-    def do_beside(self) -> None:
-        """Move the pane beside the table, or below it."""
-        if self.size.width < BESIDE_CELLS:
-            text = _("a pane is beside the table from {cells} columns on", cells=BESIDE_CELLS)
-            self.status.inform(text)
-        else:
-            self._beside = not self._beside
-            self._place_pane()
-
-    @property
-    def _is_beside(self) -> bool:
-        return self._beside and self.size.width >= BESIDE_CELLS
-
-    def _place_pane(self) -> None:
-        beside = self._is_beside
-        self.query_one("#body").set_class(beside, "-beside")
-        share = self._shares[beside]
-        self.pane.set_class(share is not None, "-divided")
-        self.pane.styles.width = f"{share}%" if share and beside else None
-        self.pane.styles.height = f"{share}%" if share and not beside else None
 
     def do_select(self) -> None:
         """Begin a selection at the cursor's row, or end it."""
@@ -398,12 +361,6 @@ class SniffApp(App[None]):
         self.table.set_look(changes=changes)
         on = _("bytes that differ from the frame before of the same kind and motor are highlighted")
         self.status.inform(on if changes else _("changed bytes are not highlighted"))
-
-    def do_events(self) -> None:
-        """Show the lines of port events and gaps, or hide them."""
-        events = not self.table.look.events
-        self.table.set_look(events=events)
-        self.status.inform(_("port events are shown") if events else _("port events are hidden"))
 
     def do_theme(self) -> None:
         """Switch to the next theme."""
@@ -479,7 +436,7 @@ class SniffApp(App[None]):
         for warning in self._options.warnings:
             self.status.warn(_(warning))
         self.tick()
-        if not self.view.state.live and self.notes.left_at == self._options.place.cursor:
+        if not self.view.state.live:
             self.table.jump(0)
         self.set_interval(TICK_S, self._on_clock)
         loop = asyncio.get_running_loop()
@@ -491,7 +448,6 @@ class SniffApp(App[None]):
     def on_unmount(self) -> None:
         """Remove an unfinished file and the signal handlers."""
         self.export.abandon()
-        self.notes.save()
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             with contextlib.suppress(RuntimeError, ValueError):
@@ -575,7 +531,6 @@ class SniffApp(App[None]):
             return
         if alert.observe(update.rows, self.now_ns() / 1e9, update.events):
             self.bell()
-            self.title_line.flash()
         if alert.last is not None:
             text = _("{count:,} rows match the alert", count=alert.count)
             if alert.last.t_ns is not None:
@@ -800,20 +755,6 @@ class SniffApp(App[None]):
             self.table.look.choice,
             self.language if switched else before.choices.language,
             tuple(self.filters.saved.items()),
-            self._beside,
-            self._shares[False],
-            self._shares[True],
-            self.table.look.events,
-        )
-
-    @property
-    def place(self) -> Place:
-        """Where the view is now."""
-        row = self.table.cursor_row
-        return Place(
-            self.filters.own,
-            self.table.look.choice,
-            None if row is None else RowKey(row.port, row.offset, row.t_ns),
         )
 
 
@@ -836,6 +777,4 @@ def run_screen(
         options.save_choices(app.choices)
     if app.failure is not None:
         raise app.failure
-    if options.save_place is not None:
-        options.save_place(app.place)
     return app.return_code or 0

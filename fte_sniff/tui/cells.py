@@ -202,7 +202,6 @@ class TableView:
     """The columns from left to right, at least one; None where the width of the window decides."""
     changes: bool = False
     """Whether bytes that changed are highlighted, and the others dimmed."""
-    events: bool = True
     zone: timezone = UTC
     """Offset of local times; one for the whole table, also where clocks are changed later."""
 

@@ -128,14 +128,10 @@ UNDERSTAND: Final = (
     _rows("right_square_bracket", "app.field(1)", "look at the next field"),
     _rows("left_square_bracket", "app.field(-1)", "look at the previous field"),
     *(Command(f"{motor}", f"app.motor({motor})", _ONE) for motor in MOTORS),
-    _plots("z", "app.change('zoom', -1)", "less time in the plots"),
-    _plots("Z", "app.change('zoom', 1)", "more time in the plots"),
-    _plots("r", "app.change('range', 1)", "outliers in the plots: at the edge, or in the scale"),
+    _plots("z", "app.zoom(-1)", "less time in the plots"),
+    _plots("Z", "app.zoom(1)", "more time in the plots"),
     _pane("J", "pane.move(1)", "the pane: one line down"),
     _pane("K", "pane.move(-1)", "the pane: one line up"),
-    _pane("plus", "app.grow(1)", "a larger pane"),
-    _pane("minus", "app.grow(-1)", "a smaller pane"),
-    _pane("L", "app.beside", "the pane beside the table or below it, from 160 columns on"),
 )
 HANDLE: Final = (
     Command("p,space", "table.pause", "freeze the view, never the capture", "Pause"),
@@ -155,11 +151,8 @@ HANDLE: Final = (
     Command("Q", "app.quit", "quit at once, and print where the recording is"),
     Command("ctrl+z", "app.suspend", "to the shell until `fg`; a capture goes on"),
 )
-UNBOUND: Final = (
-    Command("", "app.language", "switch the language: English, Chinese"),
-    Command("", "app.events", "show or hide the lines of port events and gaps"),
-)
-"""Commands of the palette alone."""
+UNBOUND: Final = (Command("", "app.language", "switch the language: English, Chinese"),)
+"""The command of the palette alone."""
 
 SECTIONS: Final[tuple[tuple[str, tuple[Command, ...]], ...]] = (
     ("Move", MOVE),

@@ -78,18 +78,15 @@ def held(spans: Envelope, first: float = np.nan, columns: int = 1 << 30) -> Enve
     return Envelope(np.where(known, spans.low, last), np.where(known, spans.high, last), last)
 
 
-def plot(
-    curves: Curves, palette: Palette, size: tuple[int, int], unit: str, *, full_range: bool = False
-) -> list[Text]:
+def plot(curves: Curves, palette: Palette, size: tuple[int, int], unit: str) -> list[Text]:
     """Lines of a plot of `size` (width and height) in cells; blank where values are missing.
 
-    `unit` is shown between the ends of the scale, where it fits. Without `full_range`, outliers are
-    markers at the edge.
+    `unit` is shown between the ends of the scale, where it fits. Outliers are markers at the edge.
     """
     width, height = size
     across = max(0, width - SCALE_CELLS)
     both = curves.feedback, curves.target
-    low, high, least, most = _scale(both, full_range=full_range)
+    low, high, least, most = _scale(both)
     line, dashes = (np.zeros((height * DOWN, across * ACROSS), np.bool_) for _ in both)
     above = below = np.zeros(across, np.bool_)
     if across and height and low <= high:
@@ -134,14 +131,14 @@ def time_axis(width: int, texts: Sequence[str], style: Style) -> Text:
     return Text(" " * SCALE_CELLS + line, style=style)
 
 
-def _scale(curves: Iterable[Envelope], *, full_range: bool) -> tuple[float, float, float, float]:
+def _scale(curves: Iterable[Envelope]) -> tuple[float, float, float, float]:
     """The ends of the scale, and the extreme values; without any, the first is above."""
     values = [ends for spans in curves for ends in (spans.low, spans.high)]
     known = np.concatenate(values)
     known = known[~np.isnan(known)]
     if not len(known):
         return 1.0, 0.0, 0.0, 0.0
-    usual = known if full_range else np.concatenate([_smooth(one) for one in values])
+    usual = np.concatenate([_smooth(one) for one in values])
     usual = usual if len(usual) else known
     return float(usual.min()), float(usual.max()), float(known.min()), float(known.max())
 

@@ -183,8 +183,7 @@ class Export:
         """Save the screen as it is now to a new file in the working folder."""
         path = free_path(PICTURE_NAME)
         try:
-            with path.open("x", encoding="utf-8") as file:
-                file.write(self._table.app.export_screenshot())
+            self._table.app.save_screenshot(f"{path}")
         except OSError as error:
             failed = _("{file} was not saved", file=path)
             self._status.warn(_(WITH_DETAIL, event=failed, detail=_(reason_of(error))))

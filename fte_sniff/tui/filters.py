@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
 from fte_sniff.errors import InputTextError, listed
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import COLUMN_BY_NAME, ColumnType
 from fte_sniff.tui.cells import ORDER
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
@@ -25,13 +24,6 @@ def parse_filter(line: str) -> RowFilter:
     return RowFilter.parse(line)
 
 
-UNCOUNTED: Final = ("time", "offset", "raw")
-"""Columns whose values seldom repeat; they are not suggested."""
-
-COUNTED_ROWS: Final = 65_536
-"""The latest rows, of which values are suggested."""
-
-
 class Filters:
     """The filter in effect, and what was shown before."""
 
@@ -40,8 +32,6 @@ class Filters:
         self._parts, self._view, self._table = parts, parts.view, parts.table
         wanted = parts.options.row_filter
         self.current = wanted.text if wanted else ""
-        self.own = self.current
-        """The filter that the user has set last, and not a finding: the one to be remembered."""
         self.saved = dict(parts.options.choices.filters)
         """Filters by their names."""
         self.earlier: list[tuple[str, int, Finding | None]] = []
@@ -80,7 +70,6 @@ class Filters:
         """Apply a valid filter, and remember the current one; an empty one shows all rows."""
         if line != self.current:
             self.earlier.append((self.current, self._table.last_index, self._view.finding))
-        self.own = line
         self._parts.look_at(None)
         self._apply(line)
 
@@ -133,21 +122,8 @@ class Filters:
 
         saved = [text for name, text in self.saved.items() if name.startswith(line)]
         row = self._table.cursor_row
-        found = completions(line, len(line), None if row is None else row.t_ns, self._observed)
+        found = completions(line, len(line), None if row is None else row.t_ns)
         return [*saved, *(line[: found.start] + choice for choice in found.choices)]
-
-    def _observed(self, column: str) -> Mapping[str, int]:
-        """The values of a column in the latest rows, with the number of rows of each."""
-        from fte_sniff.analysis.dataframe import row_frame
-
-        if column in UNCOUNTED:
-            return {}
-        store = self._view.store
-        values = row_frame(store.batch(store.next - COUNTED_ROWS, store.next), (column,))[column]
-        values = values.drop_nulls()
-        if COLUMN_BY_NAME[column].type is ColumnType.WORDS:
-            values = values.explode().drop_nulls()
-        return {str(value): count for value, count in values.value_counts().iter_rows()}
 
 
 class Columns:

@@ -26,13 +26,12 @@ Goal: TypeAlias = "Callable[[View, Row, tzinfo], int | str]"
 _NUMBER: Final = re.compile(r"[0-9][0-9_,]*")
 _SHARE: Final = re.compile(r"([0-9]{1,3}(?:\.[0-9]*)?) ?%", re.ASCII)
 _OFFSET: Final = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII)
-_NO_UNIT: Final = re.compile(r"[+-][0-9]+(?:\.[0-9]*)?", re.ASCII)
 
 
 def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     """Parse a goal; a date and time without a zone are in `zone`.
 
-    Raises InputTextError; it shows a goal of each kind, or asks for the unit of a distance.
+    Raises InputTextError; it shows a goal of each kind.
     """
     text = text.strip()
     if _NUMBER.fullmatch(text):
@@ -50,8 +49,6 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         return partial(
             _of_time, text, lambda row_ns, _zone: row_ns + (-ns if text[0] == "-" else ns)
         )
-    if _NO_UNIT.fullmatch(text):
-        raise InputTextError(_("{text} has no unit; write {text}s, {text}ms, {text}us", text=text))
     raise InputTextError(
         _(
             "{text} is not a row (1200), a share (50%), a time (12:00:03.5, 20:00+08:00),"

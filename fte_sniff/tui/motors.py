@@ -81,7 +81,6 @@ class _Drawing:
     """Start and end of the plots; None without times."""
     axis: Sequence[str]
     context: Context
-    full_range: bool
 
     @property
     def palette(self) -> Palette:
@@ -110,22 +109,18 @@ class MotorsPage(Page):
 
     def __init__(self) -> None:
         self._window = DEFAULT_WINDOW
-        self._full_range = False
         self.chosen: int | None = None
         """The motor that has the whole pane; None for all that fit."""
 
-    def change(self, what: str, by: int) -> None:
-        """Plot more time (`zoom`, `by` 1) or less (-1); outliers, or none (`range`)."""
-        if what == "zoom":
-            self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
-        else:
-            self._full_range = not self._full_range
+    def zoom(self, by: int) -> None:
+        """Plot more time (`by` 1), or less (-1)."""
+        self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
 
     def titles(self, context: Context) -> Sequence[str]:
         """The plotted time, and what the curves are."""
         span = span_text(self._plotted_ns(context))
         title = _("motors, {span}: line feedback, dots target", span=span)
-        keys = _("1-4: one motor   z Z: time   r: outliers")
+        keys = _("1-4: one motor   z Z: time")
         return [f"{title}   {keys}", title, _("motors, {span}", span=span)]
 
     def _plotted_ns(self, context: Context) -> int:
@@ -159,7 +154,7 @@ class MotorsPage(Page):
         length = self._plotted_ns(context)
         if now_ns is None:
             rows = store.batch(context.span.start, context.span.end)
-            return _Drawing(rows, {}, None, (), context, self._full_range)
+            return _Drawing(rows, {}, None, (), context)
         end_ns, last = now_ns, _("now")
         if finding is not None:  # in the middle
             end_ns = (finding.first_ns + finding.last_ns + length) // 2
@@ -170,9 +165,7 @@ class MotorsPage(Page):
         end = context.span.end if finding is None else store.index_at(plotted[1])
         rows = store.batch(start, end)
         axis = (f"-{span_text(length)}", f"-{span_text(length // 2)}", last)
-        return _Drawing(
-            rows, _events(rows, store.runs(start, end)), plotted, axis, context, self._full_range
-        )
+        return _Drawing(rows, _events(rows, store.runs(start, end)), plotted, axis, context)
 
 
 def _most_troubled(states: Sequence[MotorState]) -> MotorState:
@@ -279,7 +272,7 @@ def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> lis
     for number, (name, curves) in enumerate(shown.items()):
         each = (height - len(below) - len(lines)) // (len(shown) - number)
         unit, size = FIELD_BY_NAME[name].unit, (width, each)
-        lines += plot(curves, drawing.palette, size, unit, full_range=drawing.full_range)
+        lines += plot(curves, drawing.palette, size, unit)
     return lines + below
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-
 from fte_sniff.errors import printable
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import Row, Rows
@@ -23,9 +21,6 @@ class NotesControl:
         self._status, self._notes = parts.status, parts.options.notes
         self._missing = {} if self._notes is None else dict(self._notes.notes)
         """Notes whose rows have not come yet."""
-        self.left_at = parts.options.place.cursor
-        """The row where the view was left, until it has come."""
-        self._saving: asyncio.Task[None] | None = None
 
     def mark(self) -> None:
         """Mark the row under the cursor, or remove its mark."""
@@ -67,26 +62,15 @@ class NotesControl:
         if text is not None and (path := self._notes.news(note.key)):
             news = _("marks and notes are saved in {path}", path=printable(str(path)))
             self._status.inform(news)
-        self._saving = asyncio.create_task(self._save())
-
-    async def _save(self) -> None:
-        """Write the notes in a thread, since a disk may be slow."""
-        if self._notes is not None and (trouble := await asyncio.to_thread(self._notes.save)):
+        if trouble := self._notes.save():
             self._status.warn(_(trouble))
 
     def find_noted(self, rows: Rows, first: int) -> None:
-        """Mark those of the new rows that have a note, and go to that where the view was left."""
-        wanted = {*self._missing, *([] if self.left_at is None else [self.left_at])}
-        if not (wanted and len(rows)):
-            return
-        for number, key in located(rows, wanted):
+        """Mark those of the new rows that have a note."""
+        for number, key in located(rows, [*self._missing]):
             note = self._missing.pop(key, None)
             if note is not None and note.text is not None:
                 self._table.marks[first + number] = note.text
-            if key == self.left_at:
-                self.left_at = None
-                self._table.sync()
-                self._table.jump_to_index(first + number)
 
     def show(self) -> None:
         """Show the note on the row under the cursor."""
@@ -105,8 +89,3 @@ class NotesControl:
             below, above = _("no marked row is shown below"), _("no marked row is shown above")
             none = "" if self._table.marks else _("no row is marked; m marks one")
             self._status.inform(none or (below if by > 0 else above))
-
-    def save(self) -> None:
-        """Write the notes at the end, if the task has not."""
-        if self._notes is not None:
-            self._notes.save()

@@ -12,15 +12,10 @@ from fte_sniff.analysis.line_setup import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import Notes
 from fte_sniff.session.save import UNKNOWN, ExportSource
-from fte_sniff.session.user_state import START, Place
 from fte_sniff.tui.cells import TableView
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
-
-
-SHARES: Final = range(10, 86)
-"""Possible shares of the pane, percent of the table and the pane."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,18 +30,11 @@ class Choices:
     """A key of `i18n.LANGUAGES`, or its `AUTO`; None where it was never chosen."""
     filters: tuple[tuple[str, str], ...] = ()
     """Names of saved filters, each with its filter."""
-    pane_beside: bool = True
-    """Whether the pane is beside the table, on a wide terminal, and not below it."""
-    pane_height: int | None = None
-    """A number of `SHARES` where it is below; None where the page decides."""
-    pane_width: int | None = None
-    """A number of `SHARES` where it is beside."""
-    events: bool = True
 
     @property
     def view(self) -> TableView:
         """The table's view at the start."""
-        return TableView(choice=self.columns, events=self.events)
+        return TableView(choice=self.columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +46,6 @@ class StartOptions:
     alert: Alert | SilenceAlert | None = None
     notes: Notes | None = None
     """Notes on the rows; None to keep none."""
-    place: Place = START
-    save_place: Callable[[Place], None] | None = None
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Signals that close the screen and restore the terminal; others are left alone."""
     line_setup: LineSetup = DEFAULT_SETUP

@@ -110,18 +110,11 @@ def title_text(state: FeedState, badge: str, width: int, elapsed_s: float = 0) -
 class TitleLine(Static):
     """The line at the top."""
 
-    FLASH_S: Final = 0.5
-
     def show(self, state: FeedState, badge: str, elapsed_s: float) -> None:
         """Show a state."""
         line = title_text(state, badge, self.size.width, int(elapsed_s))
         if line != self.content:
             self.update(line, layout=False)
-
-    def flash(self) -> None:
-        """Draw the line in other colours for a moment."""
-        self.add_class("-alert")
-        self.set_timer(self.FLASH_S, lambda: self.remove_class("-alert"))
 
 
 INFO_S: Final = 8.0

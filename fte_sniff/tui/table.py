@@ -262,9 +262,8 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         return lines[first : first + height]
 
     def _event_lines(self, start: int, end: int) -> Iterator[TableLine]:
-        if self.look.events:
-            for landmark in self._shown.landmarks_between(start, end):
-                yield TableLine(landmark_text(landmark.what, self.look.shown_zone), None)
+        for landmark in self._shown.landmarks_between(start, end):
+            yield TableLine(landmark_text(landmark.what, self.look.shown_zone), None)
 
     def _cells(self, indices: Sequence[int], rows: Rows) -> Iterator[tuple[int, RowCell]]:
         """Index and cell of the rows in the window, from top to bottom."""

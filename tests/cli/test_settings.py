@@ -17,7 +17,7 @@ from fte_sniff.cli.settings import Settings, read_settings
 from fte_sniff.errors import FileError
 from fte_sniff.i18n import THEMES
 from fte_sniff.tui.cells import ORDER
-from fte_sniff.tui.options import SHARES, Choices
+from fte_sniff.tui.options import Choices
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import wire
 from tests.cli.terminals import terminal
@@ -28,10 +28,7 @@ WHOLE = """
 [screen]
 theme = "textual-light"       # at noon
 columns = ["time", "kind", "values"]
-events = false
 language = "zh"
-pane_beside = true
-pane_width = 30
 
 [live]
 ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
@@ -52,11 +49,7 @@ screens = st.fixed_dictionaries(
     optional={
         "theme": st.sampled_from(THEMES),
         "columns": st.lists(names, min_size=1, unique=True).map(tuple),
-        "events": st.booleans(),
         "language": st.sampled_from(["en", "zh"]),
-        "pane_beside": st.booleans(),
-        "pane_height": st.sampled_from(SHARES),
-        "pane_width": st.sampled_from(SHARES),
     },
 )
 
@@ -77,10 +70,7 @@ def test_all_settings_are_read(file: Path) -> None:
     assert settings.screen == {
         "theme": "textual-light",
         "columns": ("time", "kind", "values"),
-        "events": False,
         "language": "zh",
-        "pane_beside": True,
-        "pane_width": 30,
     }
     ports = ("/dev/ttyUSB0", "/dev/ttyUSB1")
     assert settings.live == {"ports": ports, "zone": "local", "reconnect": False}
@@ -108,10 +98,6 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[screen]\ntheme = "pink"\n', "theme in [screen] must be one of textual-dark"),
         ('[screen]\nlanguage = "tlh"\n', "language in [screen] must be one of en, zh, auto"),
         ("[screen]\ncolumns = [[]]\n", "columns in [screen] must be a list"),
-        ("[screen]\npane_beside = 1\n", "pane_beside in [screen] must be true or false"),
-        ("[screen]\npane_width = 5\n", "must be a whole number from 10 to 85, in percent"),
-        ("[screen]\npane_height = true\n", "must be a whole number from 10 to 85, in percent"),
-        ("[screen]\npane_height = [1]\n", "must be a whole number from 10 to 85, in percent"),
         ("screen = 1\n", "[screen] must be a table"),
         ("port = 1\n", "[port] must be a table"),
         ('[port."x"]\nbaud = true\n', "baud in [port.x] must be a whole number"),

@@ -92,7 +92,6 @@ def test_go_to_a_row(feed: ListFeed, goal: str, cursor: int) -> None:
         ("11:00", "is before the first row"),
         ("@99999", "no row that is shown has byte 99,999"),
         ("soon", "soon is not a row (1200), a share (50%)"),
-        ("+5", "+5 has no unit; write +5s"),
     ],
 )
 def test_where_there_is_nothing_to_go_to_is_said(feed: ListFeed, goal: str, says: str) -> None:

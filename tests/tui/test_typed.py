@@ -14,7 +14,7 @@ from tests.tui.conftest import CHARACTERS, ListFeed, lines, noise, play, press, 
 KEYS = (
     *("f", "slash", "colon", "C", "x", "number_sign", "m", "enter", "escape", "backspace", "tab"),
     *("M", "T", "i", "exclamation_mark", "question_mark", "1", "e", "n", "space", "d", "v", "F"),
-    *("up", "down", "G", "g", "right", "J", "t", "right_square_bracket", "space", "r", "a", "w"),
+    *("up", "down", "G", "g", "right", "J", "t", "right_square_bracket", "space", "z", "a", "w"),
 )
 """Keys that open and close lines, pages, and panes, and keys that mean something in several."""
 

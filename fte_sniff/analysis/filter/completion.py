@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 from fte_sniff.analysis.filter.row_filter import COLUMN_OF_WORD, FUNCTIONS
 from fte_sniff.analysis.filter.terms import quoted
@@ -35,24 +35,12 @@ class Completions:
     """Index of the word's first character; the word ends at the cursor."""
     choices: tuple[str, ...]
     """Whole replacements, quotes included, the likeliest first."""
-    counts: Mapping[str, int] = field(default_factory=dict)
-    """Rows that have a value, by choice."""
 
 
-Observed: TypeAlias = Callable[[str], Mapping[str, int]]
-"""Values of a column by name, each with its number of rows."""
-
-
-def completions(
-    text: str,
-    cursor: int | None = None,
-    t_ns: int | None = None,
-    observed: Observed = lambda _column: {},
-) -> Completions:
+def completions(text: str, cursor: int | None = None, t_ns: int | None = None) -> Completions:
     """Completions of the word that ends at the cursor, by default at the end of the text.
 
-    `t_ns` is the time to suggest, nanoseconds since 1970 UTC. `observed` returns the values that
-    are suggested, the most frequent first; it is called for one column at most.
+    `t_ns` is the time to suggest, nanoseconds since 1970 UTC.
     """
     cursor = len(text) if cursor is None else min(max(cursor, 0), len(text))
     match = _LAST_WORD.search(text, 0, cursor)
@@ -61,23 +49,16 @@ def completions(
     before, word = text[: match.start()], match["word"].lower()
     compared = _COMPARED.search(before)
     column = COLUMN_BY_NAME.get(compared[1].lower()) if compared else None
-    counts = dict[str, int]()
-    if column is not None and column.type is not ColumnType.TIME:
-        is_number = column.type in (ColumnType.INT, ColumnType.REAL)
-        found = observed(column.name).items()
-        counts = {value if is_number else quoted(value): count for value, count in found}
     other = _values(column, t_ns)
     if not match["quote"]:
         other = other or _choices(before, column)
-    ranked = sorted(counts, key=lambda value: (-counts[value], len(value), value))
     return Completions(
         match.start(),
         tuple(
             choice
-            for choice in dict.fromkeys((*ranked, *other))
+            for choice in dict.fromkeys(other)
             if choice.strip("'").lower().startswith(word) and choice.lower() != word
         ),
-        counts,
     )
 
 
