@@ -211,8 +211,8 @@ _UNRECORDED = RecordingOptions(keep_bytes=256_000_000, min_free_bytes=0)
 
 
 def _check_output(output: Path) -> None:
-    """Raise UsageError for the name of another format, and for a pipe or a device."""
-    if str(output) == "-" or (output.exists() and not output.is_file() and not output.is_dir()):
+    """Raise UsageError for standard output, and for the name of another format."""
+    if str(output) == "-":
         raise UsageError(
             f"-o {output}: a capture is recorded to a file; for rows on a pipe use --format jsonl,"
             " or `fte-sniff decode --follow FILE` beside it"

@@ -30,6 +30,7 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import InputReading
 from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
@@ -132,11 +133,8 @@ def _opened(
             yield sink
         return
     try:
-        if path.is_dir():
-            raise IsADirectoryError
-        if path.is_file() and not force:
-            raise FileExistsError
-        export = FileExport(path, form, reading.source)
+        existing = Existing.REPLACE if force else Existing.REFUSE
+        export = FileExport(path, form, reading.source, existing)
         try:
             with _completed(export.sink, path, reading) as sink:
                 yield sink

@@ -1,7 +1,8 @@
-"""The file of a recording: its name, lock and identity; why a recording stopped.
+"""A file that is written: its name, lock and identity; why a recording stopped.
 
-A file gets its name once its head is written, so none is ever empty; what it replaces stays until
-then. On Windows, where an open file cannot get another name, it has its name at once.
+A file gets its name once it is complete, a recording once its head is written, so none is ever
+empty; what it replaces stays until then. On Windows, where an open file cannot get another name, a
+recording has its name at once.
 
 Another program may put its own file on the name at any time, or overwrite ours. So a file that is
 to be deleted is known by its identity, of which the time of the last change is a part.
@@ -9,10 +10,11 @@ to be deleted is known by its identity, of which the time of the last change is 
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from enum import Enum
 from itertools import count
 from pathlib import Path
@@ -21,6 +23,9 @@ from typing import Final, NamedTuple
 
 from fte_sniff.errors import FileError, reason_of, unwritable
 from fte_sniff.platform import POSIX, open_flags, sync_folder, try_to_lock
+
+_CLOSED: Final = -1
+"""The descriptor of a closed file."""
 
 
 class Existing(Enum):
@@ -69,65 +74,77 @@ def _lock(descriptor: int, path: Path, *, exclusive: bool) -> None:
         pass  # a file system without locks
 
 
+def _error(code: int) -> OSError:
+    return OSError(code, os.strerror(code))
+
+
 class OutputFile:
-    """The file of one recording: new, locked, and named by `commit`."""
+    """A new file that is locked, and that `commit` gives its name."""
 
-    def __init__(self, path: Path, existing: Existing) -> None:
-        """Make the file, empty, under a private name.
+    def __init__(
+        self, path: Path, existing: Existing, mode: int = 0o666, *, is_hidden: bool = POSIX
+    ) -> None:
+        """Make the file, empty, with a private name if it `is_hidden`; else with its own.
 
-        Raises FileError if another file has the name, it is in use, or the system refuses it.
+        Raises OSError if another file has the name, or the system refuses it; FileError if another
+        program records to the file, or it is not a regular file.
         """
         self.path = path
         """The file's name once `commit` was called."""
-        self._existing = existing
+        self._existing, self._mode, self._is_hidden = existing, mode, is_hidden
         self._replaced: int | None = None
+        self._is_named = False
         try:
             self._check()
-            if existing is Existing.REPLACE and path.exists():
-                self._replaced = lock_replaced(path)
-            self._made = self._new()
-        except OSError as error:
+            self.made = self._new()
+            """The name that the file has until `commit`."""
+        except OSError:
             self._unlock()
-            raise unwritable(path, error) from error
+            raise
 
     def _check(self) -> None:
+        """Check that the file may have its name, and lock a file that it replaces."""
         if self.path.is_dir():
-            raise IsADirectoryError
+            raise _error(errno.EISDIR)
         if not os.path.lexists(self.path):
             return
         # A link is not followed: its target would stay, or be a device.
-        if not stat.S_ISREG(self.path.lstat().st_mode):
-            raise FileError(
-                "{path} is not a regular file, which a recording must be; name another",
-                path=self.path,
-            )
+        if self.path.is_symlink():
+            link = "{path} is a link; name the file itself, or remove the link"
+            raise FileError(link, path=self.path)
+        if not self.path.is_file():
+            raise FileError("{path} is not a regular file; name another", path=self.path)
         if self._existing is Existing.REFUSE:
-            raise FileExistsError
+            raise _error(errno.EEXIST)
+        if self._existing is Existing.REPLACE and self._replaced is None:
+            self._replaced = lock_replaced(self.path)
 
     def _new(self) -> Path:
         """Make the file, and return its name."""
         flags = open_flags("O_RDWR", "O_CREAT", "O_EXCL", "O_CLOEXEC")
         for path in file_names(self.path, self._existing):
-            made = path.with_name(f".fte-sniff-{token_hex(8)}.part") if POSIX else path
+            made = path.with_name(f".fte-sniff-{token_hex(8)}.part") if self._is_hidden else path
             with suppress(FileExistsError):
-                if not POSIX and self._existing is Existing.REPLACE:
+                if not self._is_hidden and self._existing is Existing.REPLACE:
                     path.unlink(missing_ok=True)
-                self.descriptor = os.open(made, flags, 0o666)
+                self.descriptor = os.open(made, flags, self._mode)
                 _lock(self.descriptor, path, exclusive=True)
                 return made
-        raise FileExistsError
+        raise _error(errno.EEXIST)
 
     def commit(self) -> None:
-        """Give the file its name; may raise OSError."""
-        if not POSIX:
-            self.path = self._made
-        elif self._replaced is not None:
-            with suppress(OSError):  # some file systems have no modes
-                os.fchmod(self.descriptor, stat.S_IMODE(os.fstat(self._replaced).st_mode))
-            self._made.replace(self.path)
+        """Give the file its name; raises OSError, and FileError if another program has the name."""
+        if not self._is_hidden:
+            self.path = self.made
+        elif self._existing is Existing.REPLACE:
+            self._check()  # another file may have the name by now
+            if self._replaced is not None:
+                with suppress(OSError):  # some file systems have no modes
+                    self.made.chmod(stat.S_IMODE(os.fstat(self._replaced).st_mode))
+            self.made.replace(self.path)
         else:
             self.path = self._link()
-        self._made = self.path
+        self._is_named = True
         self._unlock()
         sync_folder(self.path.parent)
 
@@ -136,26 +153,29 @@ class OutputFile:
         for path in file_names(self.path, self._existing):
             with suppress(FileExistsError):
                 try:
-                    os.link(self._made, path, follow_symlinks=False)
+                    os.link(self.made, path, follow_symlinks=False)
                 except PermissionError:  # a file system without hard links
                     if os.path.lexists(path):
                         continue
-                    self._made.rename(path)
+                    self.made.rename(path)
                 else:
-                    self._made.unlink()
+                    self.made.unlink()
                 return path
-        raise FileExistsError
+        raise _error(errno.EEXIST)
 
     def discard(self) -> None:
-        """Delete the file; a file that it was to replace is kept."""
+        """Close the file, and delete it unless it has its name; what it was to replace is kept."""
+        self.close()
         self._unlock()
-        os.close(self.descriptor)
-        with suppress(OSError):
-            self._made.unlink()
+        if not self._is_named:
+            with suppress(OSError):
+                self.made.unlink()
 
     def close(self) -> None:
-        """Close the file, which also unlocks it."""
-        os.close(self.descriptor)
+        """Close the file, which also unlocks it. Closing again does nothing."""
+        if self.descriptor != _CLOSED:
+            os.close(self.descriptor)
+            self.descriptor = _CLOSED
 
     @property
     def identity(self) -> FileIdentity | None:
@@ -179,6 +199,21 @@ class OutputFile:
         if self._replaced is not None:
             os.close(self._replaced)
             self._replaced = None
+
+
+@contextmanager
+def created(path: Path, existing: Existing) -> Iterator[OutputFile]:
+    """A new file, which is discarded after an error; raises FileError for an OSError too."""
+    file: OutputFile | None = None
+    try:
+        file = OutputFile(path, existing)
+        yield file
+    except BaseException as error:
+        if file is not None:
+            file.discard()
+        if isinstance(error, OSError):
+            raise unwritable(path, error) from error
+        raise
 
 
 class FileIdentity(NamedTuple):

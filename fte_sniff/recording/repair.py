@@ -7,13 +7,13 @@ from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, unwritable
+from fte_sniff.errors import FileError
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.chunks import LostBytes, walk
 from fte_sniff.recording.metadata import PROGRAM, library_name
-from fte_sniff.recording.output_file import Existing, OutputFile
+from fte_sniff.recording.output_file import Existing, created
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import BulkWriter
 
@@ -66,15 +66,9 @@ class Repair:
 
     def write(self, output: Path, existing: Existing) -> None:
         """Write what can be read to a new file; raises FileError if that fails."""
-        target = OutputFile(output, existing)
-        try:
+        with created(output, existing) as target:
             self._copy(target.descriptor)
             target.commit()
-        except BaseException as error:
-            target.discard()
-            if isinstance(error, OSError):
-                raise unwritable(output, error) from error
-            raise
         target.close()
 
     def _copy(self, descriptor: int) -> None:

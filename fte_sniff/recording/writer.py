@@ -44,7 +44,7 @@ from mcap.records import (
 )
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import FileError, unwritable
+from fte_sniff.errors import FileError
 from fte_sniff.platform import cores, sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
@@ -54,7 +54,7 @@ from fte_sniff.recording.output_file import (
     Existing,
     FileIdentity,
     LostDataError,
-    OutputFile,
+    created,
     stopped_by_error,
 )
 from fte_sniff.recording.schema import (
@@ -399,14 +399,10 @@ class RecordingWriter:
         self.span_ns: tuple[int, int] | None = None
         """First and last log time in the file; None without any."""
         self._encoder = Encoder(ports, facts or {})
-        self._output = OutputFile(path, existing)
-        try:
+        with created(path, existing) as self._output:
             head, tail = self._encoder.head, self._encoder.tail
             self._file = AppendFile(self._output.descriptor, head, tail)
             self._output.commit()
-        except OSError as error:
-            self._output.discard()
-            raise unwritable(path, error) from error
         self.path = self._output.path
         """The file's name."""
 

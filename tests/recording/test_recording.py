@@ -334,7 +334,7 @@ def test_a_link_is_not_written_through(existing: Existing, tmp_path: Path) -> No
     path, target = tmp_path / "x.mcap", tmp_path / "target"
     target.write_bytes(b"precious")
     path.symlink_to(target)
-    with pytest.raises(FileError, match="is not a regular file"):
+    with pytest.raises(FileError, match="is a link; name the file itself"):
         RecordingWriter(path, [FIRST], existing=existing)
     assert target.read_bytes() == b"precious"
     assert path.is_symlink()

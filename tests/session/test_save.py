@@ -7,7 +7,6 @@ import io
 import json
 import os
 import resource
-import threading
 from pathlib import Path
 
 import polars as pl
@@ -32,12 +31,10 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
-from fte_sniff.session import save as parquet_sink
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.save import (
     ExportSource,
     FileExport,
-    Replacement,
     SaveJob,
     SaveTarget,
     replace_text,
@@ -103,15 +100,6 @@ def test_no_rows_make_a_file_too(tmp_path: Path, suffix: str) -> None:
     assert saved(tmp_path / f"none{suffix}", []).exists()
 
 
-@pytest.mark.parametrize("pieces", [0, 1, 3 * parquet_sink.MOST_WAITING])
-def test_an_abandoned_parquet_file_is_written_no_more(tmp_path: Path, pieces: int) -> None:
-    sink = parquet_sink.ParquetSink(tmp_path / "rows.parquet")
-    for _ in range(pieces):
-        sink.write(Rows.of(rows(5)))
-    sink.abandon()
-    assert not any(thread.name == "writes Parquet" for thread in threading.enumerate())
-
-
 def test_an_existing_file_is_named_and_replaced_only_with_force(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_text("mine")
@@ -141,7 +129,7 @@ def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
     path.write_text("mine")
-    with pytest.raises(FileError, match="exists already"):
+    with pytest.raises(FileError, match=r"rows.csv cannot be written: File exists; name another"):
         saving.close()
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "mine"
@@ -154,7 +142,7 @@ def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
         ("rows.pdf", UsageError, "the extension selects"),
         ("", UsageError, "the extension selects"),
         ("nowhere/rows.csv", FileError, "does not exist; name a folder that does"),
-        ("folder.csv", FileError, "is a folder; name a file in it"),
+        ("folder.csv", FileError, "exists already; name another"),
         ("~nobody-here/rows.csv", FileError, "does not exist"),
     ],
 )
@@ -165,12 +153,6 @@ def test_an_unwritable_output_is_reported_before(
     Path("folder.csv").mkdir()
     with pytest.raises(error, match=said):
         SaveTarget.parse(name)
-
-
-def test_what_is_not_a_regular_file_is_not_replaced(tmp_path: Path) -> None:
-    (tmp_path / "rows.csv").symlink_to("/dev/null")
-    with pytest.raises(FileError, match="is a link; name the file itself"):
-        SaveTarget.parse(f"{tmp_path / 'rows.csv'}!")
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
@@ -191,22 +173,13 @@ def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> 
 
 def test_a_link_that_appears_meanwhile_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "target").write_text("precious")
-    replacement = Replacement(tmp_path / "new")
+    export = FileExport(tmp_path / "new", FORMAT_BY_SUFFIX[".csv"], ORIGIN)
     (tmp_path / "new").symlink_to("target")
     with pytest.raises(FileError, match="new is a link"):
-        replacement.commit()
-    replacement.discard()
+        export.commit()
+    export.abandon()
     assert (tmp_path / "target").read_text() == "precious"
     assert {path.name for path in tmp_path.iterdir()} == {"new", "target"}
-
-
-def test_the_name_of_a_file_that_is_written_cannot_be_foreseen(tmp_path: Path) -> None:
-    names = set[str]()
-    for _ in range(20):
-        replacement = Replacement(tmp_path / "rows.csv")
-        names.add(replacement.temporary.name)
-        replacement.discard()
-    assert len(names) == 20
 
 
 def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
@@ -226,6 +199,22 @@ def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     saving.write(Rows.of(rows()))
     saving.abandon()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
+def test_a_second_ctrl_c_during_the_end_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+    export = FileExport(tmp_path / f"rows{suffix}", FORMAT_BY_SUFFIX[suffix], ORIGIN)
+    export.sink.write(Rows.of(rows()))
+
+    class Pressed:
+        def abandon(self) -> None:
+            assert not list(tmp_path.iterdir())
+            raise KeyboardInterrupt
+
+    sink, export.sink = export.sink, Pressed()  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        export.abandon()
+    sink.abandon()
 
 
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
