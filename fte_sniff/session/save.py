@@ -112,6 +112,10 @@ def text_writer(
     return row_writer(form, stream, frame_of, ports=ports, columns=columns, zone=zone)
 
 
+_AT_ONCE: Final = 1 << 14
+"""Rows whose text is in memory at once, some hundred bytes each."""
+
+
 class _TextSink:
     """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
 
@@ -131,7 +135,8 @@ class _TextSink:
 
     def write(self, item: Item) -> None:
         if isinstance(item, Rows):
-            self._writer.write(item)
+            for start in range(0, len(item), _AT_ONCE):
+                self._writer.write(item[start : start + _AT_ONCE])
             self._stream.flush()
 
     def close(self) -> None:

@@ -7,6 +7,8 @@ import io
 import json
 import os
 import struct
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -416,3 +418,22 @@ def test_a_gap_of_unknown_length_is_reported_as_such(run, tmp_path: Path) -> Non
     words = "left out   an unknown number of rows in 1 place: another recording begins here\n"
     assert words in run("stats", "copy.mcap").stdout
     assert stats(run, "copy.mcap")["left_out"][0]["rows"] is None
+
+
+_PEAK = """
+import resource, subprocess, sys
+subprocess.run([sys.executable, "-m", "fte_sniff", *sys.argv[1:]], stdout=subprocess.DEVNULL)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["jsonl", "csv"])
+def test_text_of_a_million_rows_needs_at_most_300_mb(tmp_path: Path, form: str) -> None:
+    frames = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100}) * 1_000_000
+    (tmp_path / "rows.raw").write_bytes(frames)
+    converted = [sys.executable, "-m", "fte_sniff", "decode", "rows.raw", "-o", "rows.mcap"]
+    subprocess.run([*converted, "--start", "2026-01-31T12:00:00Z"], cwd=tmp_path, check=True)
+    measured = [sys.executable, "-c", _PEAK, "decode", "rows.mcap", "--format", form]
+    found = subprocess.run(measured, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert 50 < int(found.stdout) <= 300
