@@ -105,19 +105,20 @@ def cost(work: Callable[[], object], rows: int) -> Cost:
 
 def read_columns(path: Path) -> None:
     """All rows as batches, all checksums checked."""
-    for _ in Recording(path).batches():
+    for _ in Recording(path).items():
         pass
 
 
 def read_frames(path: Path) -> None:
     """All columns of the row contract as polars frames, the bytes as hex text."""
-    for batch in Recording(path).batches():
-        table_frame(batch.rows)
+    for item in Recording(path).items():
+        if isinstance(item, Rows):
+            table_frame(item)
 
 
 def survey(path: Path) -> None:
     """All numbers of `stats`."""
-    rows = (batch.rows for batch in Recording(path).batches())
+    rows = (item for item in Recording(path).items() if isinstance(item, Rows))
     statistics(summed(map(counted, segments(rows))))
 
 

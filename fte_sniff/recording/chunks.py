@@ -369,14 +369,13 @@ def unpack(body: bytes) -> bytes:
 
 
 def records_in(records: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, offset and end of each record; raises DamagedError if one is cut."""
+    """Opcode, offset and end of each record; raises DamagedError if one is invalid."""
     at = 0
     while at < len(records):
-        if at + HEAD.size > len(records):
-            raise DamagedError(TranslatableText("records that go beyond their chunk"))
-        opcode, length = HEAD.unpack_from(records, at)
+        is_whole = at + HEAD.size <= len(records)
+        opcode, length = HEAD.unpack_from(records, at) if is_whole else (0, 0)
         stop = at + HEAD.size + length
-        if stop > len(records):
+        if not opcode or stop > len(records):
             raise DamagedError(TranslatableText("records that go beyond their chunk"))
         yield opcode, at, stop
         at = stop

@@ -12,16 +12,18 @@ from __future__ import annotations
 import os
 import re
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from glob import escape
+from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from shutil import copyfileobj
 from tempfile import NamedTemporaryFile
-from typing import IO, BinaryIO, Final, NamedTuple
+from typing import IO, BinaryIO, Final, TypeAlias
 from weakref import finalize
 
 import numpy as np
@@ -100,52 +102,25 @@ class TimeRange:
         """Whether the range overlaps the time from `first_ns` to `last_ns`, both included."""
         return self.first_ns <= last_ns and first_ns < self.end_ns
 
-    def contains(self, t_ns: int) -> bool:
-        """Whether a time is in the range."""
-        return self.first_ns <= t_ns < self.end_ns
-
     def mask(self, t_ns: Array) -> Bools:
         """Which times are in the range."""
         found: Bools = (t_ns >= self.first_ns) & (t_ns < self.end_ns)
         return found
 
+    def within(self, items: Iterable[Item]) -> Iterator[Item]:
+        """The rows and events of items in the range, and the gaps."""
+        for item in items:
+            if isinstance(item, Rows) and not self.everything:
+                rows = item.select(self.mask(item.t_ns))
+                yield from [rows] if len(rows) else []
+            elif not isinstance(item, PortEvent) or self.overlaps(item.t_ns, item.t_ns):
+                yield item
+
 
 EVERYTHING: Final = TimeRange()
 
-
-class Batch(NamedTuple):
-    """The rows of some chunks, and what is between them."""
-
-    rows: Rows
-    between: list[tuple[int, PortEvent | Gap]]
-    """Port events, and gaps where the file is damaged; each with the number of rows before it."""
-
-    @property
-    def items(self) -> list[Item]:
-        """The rows, events and gaps in file order."""
-        found: list[Item] = []
-        start = 0
-        for place, item in self.between:
-            if place > start:
-                found.append(self.rows[start:place])
-            found.append(item)
-            start = place
-        if start < len(self.rows):
-            found.append(self.rows[start:] if start else self.rows)
-        return found
-
-    def within(self, span: TimeRange) -> Batch:
-        """The rows and events in a range of time; gaps stay."""
-        if span.everything:
-            return self
-        inside = span.mask(self.rows.t_ns)
-        places = np.concatenate([[0], np.cumsum(inside)])
-        between = [
-            (int(places[place]), item)
-            for place, item in self.between
-            if isinstance(item, Gap) or span.contains(item.t_ns)
-        ]
-        return Batch(self.rows.select(inside), between)
+_Group: TypeAlias = Sequence[ChunkRef | LostBytes]
+"""The chunks of a batch, and the lost bytes between them."""
 
 
 class Recording:
@@ -172,9 +147,6 @@ class Recording:
         self._copy: IO[bytes] | None = None
         if stream is not None:
             self._copy = self._copied(stream)
-        with self._open() as file:
-            if not file.seekable():
-                self._copy = self._copied(file)
         with self._open() as file:
             found = os.fstat(file.fileno())
             self.size = found.st_size
@@ -276,56 +248,41 @@ class Recording:
         """The rows, port events and gaps in file order; a gap that the metadata reports by time.
 
         The chunks outside `span`, by their log times, are skipped: damage in them is not noticed.
+        Raises FileError if the file cannot be read any more.
         """
         gaps = deque(sorted(self.gaps(), key=lambda gap: gap.start_ns or 0))
-        for batch in self.batches(span):
-            rising = np.maximum.accumulate(batch.rows.t_ns)
-            between = list(batch.between)
-            while gaps and len(rising) and (gaps[0].start_ns or 0) <= rising[-1]:
-                gap = gaps.popleft()
-                between.append((int(rising.searchsorted(gap.start_ns or 0)), gap))
-            between.sort(key=lambda placed: placed[0])
-            yield from batch._replace(between=between).items
+        for item in self.read(self.contents.chunks, span):
+            rest = item
+            while isinstance(rest, Rows) and gaps and len(rest):
+                rising = np.maximum.accumulate(rest.t_ns)
+                place = int(rising.searchsorted(gaps[0].start_ns or 0))
+                if place == len(rest):
+                    break
+                yield from [rest[:place]] if place else []
+                yield gaps.popleft()
+                rest = rest[place:]
+            yield rest
         yield from gaps
 
-    def batches(
-        self, span: TimeRange = EVERYTHING, chunks: Sequence[ChunkRef] | None = None
-    ) -> Iterator[Batch]:
-        """The rows of all chunks, or of these, in batches of several chunks.
+    def read(self, chunks: Sequence[ChunkRef], span: TimeRange = EVERYTHING) -> Iterator[Item]:
+        """The rows and port events of some chunks in a span, and gaps where the file is damaged.
 
         Raises FileError if the file cannot be read any more.
         """
-        wanted = self.contents.chunks if chunks is None else chunks
-        within = [one for one in wanted if span.overlaps(one.first_ns, one.last_ns)]
+        within = [one for one in chunks if span.overlaps(one.first_ns, one.last_ns)]
         starts = {one.start for one in within}
-        lost = deque(one for one in sorted(self.contents.lost) if one.start not in starts)
-        while lost and lost[0].start < min(starts, default=0):
-            lost.popleft()
-        jobs: deque[tuple[list[ChunkRef], Future[list[Messages | LostBytes]]]] = deque()
-
-        def decoded(most: int) -> Iterator[Batch]:
-            """Decode until at most `most` batches are unpacked ahead."""
-            while len(jobs) > most:
-                group, job = jobs.popleft()
-                between = []
-                while lost and lost[0].start < group[-1].start:
-                    between.append(lost.popleft())
-                yield self._decode(group, job.result(), between).within(span)
-
+        between = (one for one in self.contents.lost if one.start not in starts)
+        lost = [one for one in between if starts and min(starts) < one.start < max(starts)]
+        jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
         with ThreadPoolExecutor(cores()) as threads, self._open() as file:
-            for group in _groups(within):
-                size = sum(one.size for one in group)
-                waiting = sum(one.size for own, _ in jobs for one in own)
-                yield from decoded(cores() if waiting + size <= _MOST_AHEAD else 0)
+            # The last group is empty: all others are decoded before it.
+            for group in [*_groups(sorted([*within, *lost], key=lambda one: one.start)), []]:
+                waiting = sum(map(_size_of, chain(group, *(own for own, _ in jobs))))
+                most = cores() if group and waiting <= _MOST_AHEAD else 0
+                while len(jobs) > most:
+                    own, job = jobs.popleft()
+                    yield from span.within(self._decode(own, job.result()))
                 jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
-            yield from decoded(0)
-
-    def read(self, chunks: list[ChunkRef]) -> list[Item]:
-        """The rows, port events and gaps of some chunks, read again.
-
-        Raises FileError if they have changed.
-        """
-        return [item for batch in self.batches(chunks=chunks) for item in batch.items]
 
     def grow(self) -> list[ChunkRef]:
         """The chunks that another program added since the previous call.
@@ -367,10 +324,8 @@ class Recording:
         """
         if self.next_path is not None:
             return self.next_path
-        stem = re.sub(r"_\d{5}$", "", self.path.stem)
-        numbered = self.path.parent.glob(
-            f"{escape(stem)}_[0-9][0-9][0-9][0-9][0-9]{self.path.suffix}"
-        )
+        stem = re.sub(r"_\d{5}(-\d+)?$", "", self.path.stem)
+        numbered = self.path.parent.glob(f"{escape(stem)}_[0-9]*{self.path.suffix}")
         after = [path for path in numbered if path.stem > self.path.stem]
         with suppress(FileError, ValueError):
             following = Recording(min(after), is_growing=True)
@@ -392,10 +347,8 @@ class Recording:
 
     # Decoding
 
-    def _decode(
-        self, chunks: list[ChunkRef], parts: list[Messages | LostBytes], lost: list[LostBytes]
-    ) -> Batch:
-        """The rows of unpacked chunks; `lost` are damaged bytes between them."""
+    def _decode(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
+        """The rows, port events and gaps of a group that was unpacked."""
         whole = [part for part in parts if isinstance(part, Messages)]
         for part in whole if not self.contents.is_indexed else ():
             self._define_from(part)
@@ -405,26 +358,31 @@ class Recording:
         self.unreadable += found.unreadable
         self.messages += len(messages.starts)
         self._rows += len(found.rows) + len(found.events)
-        between = [*self._gaps_between(chunks, parts, lost), *found.events.items()]
-        between.sort(key=lambda placed: placed[0])
-        rows_before = found.places.searchsorted([place for place, _ in between]).tolist()
-        items = [item for _, item in between]
-        return Batch(found.rows, list(zip(rows_before, items, strict=True)))
+        between: list[tuple[int, PortEvent | Gap]]
+        between = [*self._gaps_in(group, parts), *found.events.items()]
+        done = 0
+        for place, item in sorted(between, key=itemgetter(0)):
+            before = int(found.places.searchsorted(place))
+            yield from [found.rows[done:before]] if before > done else []
+            yield item
+            done = before
+        yield from [found.rows[done:]] if done < len(found.rows) else []
 
-    def _gaps_between(
-        self, chunks: list[ChunkRef], parts: list[Messages | LostBytes], lost: list[LostBytes]
-    ) -> Iterator[tuple[int, PortEvent | Gap]]:
+    def _gaps_in(
+        self, group: _Group, parts: list[Messages | LostBytes]
+    ) -> Iterator[tuple[int, Gap]]:
         """The gaps where chunks are damaged or bytes lost; each with the messages before it."""
-        place, waiting = 0, deque(lost)
-        for chunk, part in zip(chunks, parts, strict=True):
-            while waiting and waiting[0].start < chunk.start:
-                yield place, Gap(GapKind.DAMAGE, None, reason=waiting.popleft().why)
+        place = 0
+        for one, part in zip(group, parts, strict=True):
             if isinstance(part, Messages):
                 place += len(part.starts)
                 continue
             if part not in self.contents.lost:
                 self.contents.lost.append(part)
-            yield place, Gap(GapKind.DAMAGE, None, chunk.first_ns, chunk.last_ns, part.why)
+            gap = Gap(GapKind.DAMAGE, reason=part.why)
+            if isinstance(one, ChunkRef):
+                gap = gap._replace(start_ns=one.first_ns, end_ns=one.last_ns)
+            yield place, gap
 
     def _define_from(self, messages: Messages) -> None:
         """Apply the definitions at the beginning of a chunk, which has a checksum."""
@@ -523,15 +481,10 @@ class Recording:
     def _check_identity(self, file: BinaryIO, least: int) -> None:
         """Raise FileError if what was read is not in the file any more."""
         found = os.fstat(file.fileno())
-        if (found.st_dev, found.st_ino) != self._identity:
+        if (found.st_dev, found.st_ino) != self._identity or found.st_size < least:
             raise FileError(
-                "{path} was replaced by another file while it was followed", path=self.path
-            )
-        if found.st_size < least:
-            raise FileError(
-                "{path} was cut off to {size:,} bytes while it was followed",
+                "{path} was replaced by another file, or cut off, while it was followed",
                 path=self.path,
-                size=found.st_size,
             )
 
 
@@ -546,31 +499,37 @@ def _type_of(name: str, data: bytes) -> MessageType:
     return MessageType(own.FromString, names, is_event)
 
 
-def _groups(chunks: Sequence[ChunkRef]) -> Iterator[list[ChunkRef]]:
-    """Consecutive chunks of a batch."""
-    group, size = list[ChunkRef](), 0
+def _size_of(one: ChunkRef | LostBytes) -> int:
+    return one.size if isinstance(one, ChunkRef) else 0
+
+
+def _groups(chunks: _Group) -> Iterator[_Group]:
+    """Consecutive chunks of a batch, and the lost bytes between them."""
+    group = list[ChunkRef | LostBytes]()
     for chunk in chunks:
         group.append(chunk)
-        size += chunk.size
-        if size >= BATCH:
+        if sum(map(_size_of, group)) >= BATCH:
             yield group
-            group, size = [], 0
+            group = []
     if group:
         yield group
 
 
-def _unpacked(descriptor: int, chunks: list[ChunkRef]) -> list[Messages | LostBytes]:
+def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
     """Read and unpack chunks, in a thread."""
     found: list[Messages | LostBytes] = []
-    for chunk in chunks:
-        data = read_at(descriptor, chunk.end - chunk.start, chunk.start)
+    for one in group:
+        if isinstance(one, LostBytes):
+            found.append(one)
+            continue
+        data = read_at(descriptor, one.end - one.start, one.start)
         try:
-            records = unpack(data[HEAD.size : chunk.stop - chunk.start])
-            starts = _indexed_starts(data[chunk.stop - chunk.start :], records)
+            records = unpack(data[HEAD.size : one.stop - one.start])
+            starts = _indexed_starts(data[one.stop - one.start :], records)
             starts = _walked_starts(records) if starts is None else starts
             found.append(Messages.at(starts, records))
         except DamagedError as error:
-            found.append(LostBytes(chunk.start, chunk.stop, error.why))
+            found.append(LostBytes(one.start, one.stop, error.why))
     return found
 
 

@@ -6,21 +6,17 @@ A flush writes the rows that wait: when `RecordingOptions.flush_every_s` has pas
 requests it, when `MOST_ROWS` rows wait, before a rotation, and at the end. Once a second it waits
 for the disk, too. Rows that were not flushed go into the next file.
 While no file can be made, rows are counted only, and the next file reports the gap. `keep_bytes`
-deletes the oldest files of the capture; a gap that one of them reports is copied into the current
-file first.
+deletes the oldest files of the capture; each file reports the gaps of the files before it, too.
 """
 
 from __future__ import annotations
 
 import errno
-import os
 import shutil
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from glob import escape
-from itertools import count
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -37,7 +33,7 @@ from fte_sniff.recording.metadata import (
     PortFacts,
     gap_to_metadata,
 )
-from fte_sniff.recording.output_file import Existing, FileIdentity, delete, file_names
+from fte_sniff.recording.output_file import Existing, FileIdentity, delete
 from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions
 
 RETRY_S: Final = 5.0
@@ -107,8 +103,6 @@ class _ClosedFile:
     path: Path
     identity: FileIdentity
     rows: int
-    gaps: tuple[Gap, ...]
-    """The gaps that it reports."""
 
 
 class Recorder:
@@ -136,14 +130,10 @@ class Recorder:
         """
         self._options = options or RecordingOptions()
         self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
-        self._base = _base_of(path, existing)
-        self._number = self._part = 1
+        self._base, self._number = path, 1
         self._closed: list[_ClosedFile] = []
-        self._own_gaps: list[Gap] = []
-        """The gaps that the current file reports."""
         self._gaps: list[Gap] = []
         """What could not be written; the last gap grows while there is no file."""
-        self._missed_events = 0
         self._stopped: FileError | None = None
         self._changes: list[FileChange] = []
         self._due_s = -inf
@@ -152,7 +142,7 @@ class Recorder:
         self._deleted_files = self._deleted_rows = 0
         wanted, free = self._options.min_free_bytes, self._free_bytes() or 0
         self._min_free = min(DEFAULT_FREE_BYTES, free // 2) if wanted is None else wanted
-        first = self._first_path()
+        first = self._name(1) if self._options.rotates else path
         if limit := self._limit_reached():
             raise FileError(
                 "{path} cannot be recorded: {limit}; free space, or change the limit",
@@ -171,15 +161,20 @@ class Recorder:
     @property
     def failure(self) -> FileError | None:
         """What was not recorded and why; None if everything was."""
-        gaps = [gap for gap in self._gaps if gap.start_ns is not None]
+        gaps = self._known_gaps
         if not gaps:
             return self._stopped
-        entries = sum(gap.rows or 0 for gap in gaps) + self._missed_events
+        count = sum(gap.rows or 0 for gap in gaps)
         return FileError(
             "{what} were not recorded: {reason}",
-            what=f"{entries:,} rows and port events from {iso_time(gaps[0].start_ns or 0)} on",
+            what=f"{count:,} rows from {iso_time(gaps[0].start_ns or 0)} on",
             reason="; then ".join(dict.fromkeys(gap.reason for gap in gaps)),
         )
+
+    @property
+    def _known_gaps(self) -> list[Gap]:
+        """The gaps in which something was missed."""
+        return [gap for gap in self._gaps if gap.start_ns is not None]
 
     @property
     def unflushed_rows(self) -> int:
@@ -264,18 +259,6 @@ class Recorder:
 
     # Files
 
-    def _first_path(self) -> Path:
-        """The first file; raises FileError if files of an earlier sequence have its name."""
-        earlier = _numbered(self._base) if self._existing is Existing.REFUSE else None
-        if earlier is not None:
-            raise FileError(
-                "{path}: {earlier} exists already, from an earlier capture; name another file, or "
-                "use --force",
-                path=self._base,
-                earlier=earlier.name,
-            )
-        return self._name(1) if self._options.rotates else self._base
-
     def _name(self, number: int) -> Path:
         return self._base.with_stem(f"{self._base.stem}_{number:05}")
 
@@ -285,28 +268,33 @@ class Recorder:
         return self._facts | own | ({"previous": self.path.name} if part > 1 else {})
 
     def _next(self) -> RecordingWriter:
-        """The next file; raises FileError."""
-        replaces = self._existing is Existing.REPLACE
-        number = next(
-            number
-            for number in count(self._number + 1)
-            if replaces or not os.path.lexists(self._name(number))
-        )
-        existing = Existing.REPLACE if replaces else Existing.REFUSE
-        facts = self._facts_of(self._part + 1)
-        writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
-        self._number, self._part = number, self._part + 1
+        """The next file, which reports all gaps so far; raises FileError."""
+        name, facts = self._name(self._number + 1), self._facts_of(self._number + 1)
+        is_forced = self._existing is Existing.REPLACE
+        existing = Existing.REPLACE if is_forced else Existing.NUMBER
+        writer = RecordingWriter(name, self._ports, facts, existing=existing)
+        try:
+            for gap in self._known_gaps:
+                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+        except FileError:
+            self._drop(writer)
+            raise
+        self._number += 1
         return writer
+
+    def _drop(self, writer: RecordingWriter) -> None:
+        """Delete a file that could not be written."""
+        writer.abandon()
+        with suppress(OSError):
+            if writer.identity is not None:
+                delete(writer.path, writer.identity)
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
         if writer.span_ns is None or time.monotonic() < self._due_s:
             return False
-        first_ns, last_ns = writer.span_ns
-        limits = (
-            (writer.size, self._options.next_file_bytes),
-            ((last_ns - first_ns) / 1e9, self._options.rotate_s),
-        )
-        return any(limit is not None and value >= limit for value, limit in limits)
+        seconds = (writer.span_ns[1] - writer.span_ns[0]) / 1e9
+        size, age = self._options.next_file_bytes or inf, self._options.rotate_s or inf
+        return writer.size >= size or seconds >= age
 
     def _rotate(self, writer: RecordingWriter) -> None:
         """Begin the next file; if that fails, the current one grows until the next attempt."""
@@ -320,20 +308,16 @@ class Recorder:
             writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
             writer.close()
         self._put_away(writer)
-        self._go_on(following, [])
+        self._go_on(following)
 
     def _put_away(self, writer: RecordingWriter) -> None:
         """Close a file, and keep account of it if it is still there."""
         writer.abandon()
         if writer.identity is not None and not writer.is_gone:
-            file = _ClosedFile(
-                writer.path, writer.identity, writer.flushed_rows, tuple(self._own_gaps)
-            )
-            self._closed.append(file)
+            self._closed.append(_ClosedFile(writer.path, writer.identity, writer.flushed_rows))
 
-    def _go_on(self, writer: RecordingWriter, gaps: list[Gap]) -> None:
-        self._stopped = None
-        self._writer, self.path, self._own_gaps = writer, writer.path, gaps
+    def _go_on(self, writer: RecordingWriter) -> None:
+        self._stopped, self._writer, self.path = None, writer, writer.path
         self._changes.append(FileChange(writer.path))
 
     # Errors and gaps
@@ -344,7 +328,12 @@ class Recorder:
         self._put_away(writer)
         cause = failure.__cause__
         is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        self._note(writer, failure)
+        self._stopped = failure
+        self._changes.append(FileChange(None, failure))
+        gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
+        if writer.is_gone and writer.span_ns is not None:
+            gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
+        self._gaps.append(gap)
         may_try = time.monotonic() >= self._due_s
         if is_full and self._options.keep_bytes is not None:
             may_try = self._delete_oldest()
@@ -366,22 +355,11 @@ class Recorder:
         )
         self._fail(writer, failure)
 
-    def _note(self, writer: RecordingWriter, failure: FileError) -> None:
-        """Begin the gap after a file that failed."""
-        self._stopped = failure
-        gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
-        if writer.is_gone and writer.span_ns is not None:
-            gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
-            self._missed_events += writer.flushed_events
-        self._gaps.append(gap)
-        self._changes.append(FileChange(None, failure))
-
     def _miss(self, entries: Iterable[Entry]) -> None:
         """Count what is not recorded."""
         for entry in entries if self._stopped is not None else ():
             gap = self._gaps[-1]
             if isinstance(entry, PortEvent):
-                self._missed_events += 1
                 self._gaps[-1] = gap.including(entry.t_ns, 0)
             elif (span_ns := entry.span_ns) is not None:
                 self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
@@ -390,23 +368,18 @@ class Recorder:
         """Go on in a new file that begins with these rows; False if that fails."""
         if self._limit_reached():
             return False
-        gaps = [self._gaps[-1]] if self._gaps and self._gaps[-1].start_ns is not None else []
         try:
             writer = self._next()
         except FileError:
             return False
         try:
-            for gap in gaps:
-                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
             writer.write(*unflushed)
             writer.flush()
         except FileError:
-            writer.abandon()
-            with suppress(OSError):
-                if writer.identity is not None:
-                    delete(writer.path, writer.identity)
+            self._drop(writer)
+            self._number -= 1
             return False
-        self._go_on(writer, gaps)
+        self._go_on(writer)
         return True
 
     # Space
@@ -420,34 +393,15 @@ class Recorder:
     def _delete_oldest(self) -> bool:
         """Delete the capture's oldest closed file; False if there is none that may go.
 
-        The gaps that it reports are reported by the current file first. A file that another program
-        replaced or moved, or that cannot be deleted, counts no more.
+        A file that another program replaced or moved, or that cannot be deleted, counts no more.
         """
-        writer = self._writer
-        files = self._closed
-        if writer is None:  # the last file has just failed
-            files = [one for one in files[:-1] if not one.gaps]
-        if not files:
-            return False
-        oldest = files[0]
-        if writer is not None and not self._report(oldest.gaps, writer):
-            return False
-        self._closed.remove(oldest)
+        if not self._closed or (self._writer is None and len(self._closed) == 1):
+            return False  # the last file, which has just failed, stays
+        oldest = self._closed.pop(0)
         with suppress(OSError):
             if delete(oldest.path, oldest.identity):
                 self._deleted_files += 1
                 self._deleted_rows += oldest.rows
-        return True
-
-    def _report(self, gaps: Sequence[Gap], writer: RecordingWriter) -> bool:
-        """Report gaps in the current file; False if that fails."""
-        try:
-            for gap in gaps:
-                writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
-        except FileError as failure:
-            self._fail(writer, failure)
-            return False
-        self._own_gaps += gaps
         return True
 
     def _limit_reached(self) -> str:
@@ -466,18 +420,3 @@ class Recorder:
         with suppress(OSError):
             return shutil.disk_usage(self._base.parent).free
         return None
-
-
-def _base_of(path: Path, existing: Existing) -> Path:
-    """The name from which the names of the sequence are made: one without numbered files."""
-    if existing is not Existing.NUMBER:
-        return path
-    return next(name for name in file_names(path) if not _numbered(name))
-
-
-def _numbered(path: Path) -> Path | None:
-    """The first existing file of a sequence of this name."""
-    pattern = f"{escape(path.stem)}_[0-9][0-9][0-9][0-9][0-9]{path.suffix}"
-    with suppress(OSError):  # the error of the file that cannot be made there is raised instead
-        return min(path.parent.glob(pattern), default=None)
-    return None

@@ -114,8 +114,7 @@ class Follower:
         self._new = []
         if chunks:
             self._changed_s = time.monotonic()
-            for batch in self.reader.batches(self._span, chunks):
-                found += batch.items
+            found += self.reader.read(chunks, self._span)
         gaps = [gap for gap in self.reader.gaps() if gap not in self._gaps]
         self._gaps += gaps
         found += gaps

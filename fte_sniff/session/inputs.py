@@ -745,6 +745,8 @@ class InputReading:
                 if found is None:
                     return False
                 gap = found
+            if gap in self.reported_gaps:  # a later file of a capture reports it again
+                return False
             self.reported_gaps.append(gap)
             self._gaps.append(gap)
         elif gap.kind in (GapKind.DAMAGE, GapKind.OTHER_RECORDING):

@@ -154,7 +154,7 @@ def _rows_of(reader: Recording, first_ns: int, last_ns: int, *, facts: bool) -> 
         yield from (item for item in reading if isinstance(item, Rows) and len(item))
     else:
         span = TimeRange(first_ns, min(last_ns, _EVER[1] - 1) + 1)
-        yield from (batch.rows for batch in reader.batches(span) if len(batch.rows))
+        yield from (item for item in reader.items(span) if isinstance(item, Rows))
     lost = reader.losses
     if len(lost) > _MOST_LOSSES:
         lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]

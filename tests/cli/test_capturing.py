@@ -410,7 +410,7 @@ def test_a_disk_that_fills_up_is_reported_at_once_and_what_is_not_recorded_at_th
         code, _, errors = ended(process)
     assert code == 4
     *_, last = errors.splitlines()
-    assert re.match(r"fte-sniff: [\d,]+ rows and port events from .* were not recorded: ", last)
+    assert re.match(r"fte-sniff: [\d,]+ rows from .* were not recorded: ", last)
     assert why in last
     assert "Traceback" not in errors
     assert rows_in(small_disk / "x.mcap") > 100

@@ -235,7 +235,7 @@ def _replace(file: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_truncate, "x.mcap was cut off to 100 bytes"),
+        (_truncate, "x.mcap was replaced by another file, or cut off"),
         (_replace, "x.mcap was replaced by another file"),
         (Path.unlink, "x.mcap: no such file"),
     ],

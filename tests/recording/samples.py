@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 
 from mcap.opcode import Opcode
 
-from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import MOST_BYTES, Row, Rows
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import MOST_BYTES, Item, Row, Rows
 from fte_sniff.protocol.spec import KINDS, Fault, encode
 from fte_sniff.recording.chunks import HEAD, MAGIC
 from fte_sniff.recording.metadata import PortFacts, host_facts
@@ -66,14 +66,14 @@ def whole(rows: Sequence[Row]) -> list[tuple[object, ...]]:
     return [(row, row.delay_ns, row.unordered) for row in rows]
 
 
-def rows_of(items: Sequence[Rows | PortEvent | Gap]) -> list[Row]:
+def rows_of(items: Iterable[Item]) -> list[Row]:
     """The rows of some items."""
     return [row for item in items if isinstance(item, Rows) for row in item]
 
 
 def rows_in(path: Path, span: TimeRange = EVERYTHING) -> list[Row]:
     """The rows of a recording."""
-    return rows_of([*Recording(path).items(span)])
+    return rows_of(Recording(path).items(span))
 
 
 def events_in(path: Path) -> list[PortEvent]:

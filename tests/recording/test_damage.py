@@ -21,7 +21,7 @@ from mcap.writer import Writer
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording.chunks import LARGEST, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
@@ -62,7 +62,7 @@ def found_in(path: Path, span: TimeRange = EVERYTHING) -> Found:
     """The rows of a file and what is reported."""
     try:
         recording = Recording(path)
-        rows = rows_of([*recording.items(span)])
+        rows = rows_of(recording.items(span))
     except FileError as error:
         return Found([], [str(error)], None)
     return Found(rows, recording.losses, recording)
@@ -84,7 +84,7 @@ def check(one: Recorded, damaged: bytes, path: Path, span: TimeRange, lossless: 
         left = {places[row.offset, row.raw, row.t_ns] for row in one.left(damaged)}
         assert left <= {*numbers}, f"rows of whole chunks are not read: {reports}"
     inside = found_in(path, span)
-    assert unnamed(inside.rows) == unnamed(row for row in rows if span.contains(row.t_ns or 0))
+    assert unnamed(inside.rows) == unnamed(rows_of(span.within([Rows.of(rows)])))
     check_repair(one, path, found)
     if recording is not None:
         chunks = recording.contents.chunks

@@ -191,7 +191,7 @@ def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
     writer.write(*EVENTS)
     writer.close()
     assert not recording.has_writer
-    assert recording.read(recording.settle()) == EVENTS
+    assert [*recording.read(recording.settle())] == EVENTS
     assert recording.is_whole
     assert recording.ports == [FIRST, replace(SECOND, baud=None)]
 
@@ -200,7 +200,7 @@ def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
     ("change", "words"),
     [
         (lambda path: path.unlink(), "no such file"),
-        (lambda path: path.write_bytes(path.read_bytes()[:3000]), "was cut off to 3,000 bytes"),
+        (lambda path: path.write_bytes(path.read_bytes()[:3000]), "or cut off, while it was"),
         (
             lambda path: (path.rename(path.with_suffix(".old")), path.write_bytes(b"x" * 9000)),
             "was replaced by another file",
