@@ -14,7 +14,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from datetime import UTC, tzinfo
@@ -40,7 +40,6 @@ from fte_sniff.cli.options import Decorator, all_of, in_group
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import (
     FileError,
-    FilterError,
     InputTextError,
     UsageError,
     printable,
@@ -102,10 +101,10 @@ class FileName(click.Path):
         super().__init__(path_type=Path, readable=False)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; fails for an empty name and a URL."""
+        """The path; fails for an empty name and a port."""
         if not str(value):
             self.fail("the name is empty.", param, ctx)
-        if "://" in str(value):
+        if "://" in str(value) or (isinstance(param, click.Argument) and is_port_name(str(value))):
             self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it.", param, ctx)
         return super().convert(value, param, ctx)
 
@@ -196,27 +195,19 @@ def time_range(
         return None
     from fte_sniff.recording.reader import TimeRange
 
-    bounds = cache(lambda: _bounds(times))
-    span = TimeRange()
-    first, end = span.first_ns, span.end_ns
+    bounds, whole = cache(lambda: _bounds(times)), TimeRange()
+    first, end = whole.first_ns, whole.end_ns
     if since is not None:
-        first = _time(since, "--from", bounds, zone or UTC)
-    if first > span.end_ns:
-        raise InputTextError(
-            f"--from: {quoted(since or '')} is after {iso_time(span.end_ns)}, and so after any row"
-        )
+        first = max(first, _time(since, "--from", bounds, zone or UTC))
     if until is not None:
-        end = _time(until, "--to", bounds, zone or UTC)
-    if since is not None and until is not None and first >= end:
-        is_clock = clock_time(since) is not None or clock_time(until) is not None
-        hint = (
-            " (a time of day is one of the first row's day; write another day as 2026-01-31T12:00)"
-        )
+        end = min(end, _time(until, "--to", bounds, zone or UTC))
+    if first >= end:
         raise UsageError(
-            f"--from {shortened(since)} is not before --to {shortened(until)};"
-            f" no row is between them{hint if is_clock else ''}"
+            f"no row is between --from {shortened(since or '1970')} and --to"
+            f" {shortened(until or '2262')}; a time of day is one of the first row's day: write"
+            " another day as 2026-01-31T12:00"
         )
-    return TimeRange(first, min(end, span.end_ns))
+    return TimeRange(first, end)
 
 
 def _bounds(times: Iterable[Times]) -> Times:
@@ -230,8 +221,12 @@ def _bounds(times: Iterable[Times]) -> Times:
 def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
     wanted = text.strip()
     clock = clock_time(wanted)
-    if clock is None and wanted[:1] not in ("+", "-"):
-        return _absolute(wanted, option, zone)
+    sign = wanted[:1] if wanted[:1] in ("+", "-") else ""
+    found = duration_ns(wanted[1:]) if sign else time_ns(wanted, zone)
+    if found is None and clock is None:
+        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
+    if found is not None and not sign:
+        return found
     if (known := bounds()) is None:
         raise UsageError(
             f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
@@ -240,30 +235,14 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
     first, last = known
     if clock is not None:
         return clock.on_day_of(first, zone)
-    length = duration_ns(wanted[1:])
-    if length is None:
-        raise InputTextError(
-            f"{option}: {quoted(wanted[1:])} is not a duration; write 10s, 1m30s or 250ms"
-        )
-    if wanted[0] == "+":
-        return first + length
+    if sign == "+":
+        return first + (found or 0)
     if last is None:
         raise UsageError(
             f"{option} {shortened(text)}: the last time of the input is not known before it is"
             " read; write the time in full, or from the first row, as +10s"
         )
-    return last - length
-
-
-def _absolute(text: str, option: str, zone: tzinfo) -> int:
-    t_ns = time_ns(text, zone)
-    if t_ns is None:
-        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
-    if t_ns < 0:
-        raise InputTextError(
-            f"{option}: {quoted(text)} is before {iso_time(0)}, and so before any row"
-        )
-    return t_ns
+    return last - (found or 0)
 
 
 # The inputs
@@ -504,16 +483,20 @@ class InputQuery:
             InputTextError: a time, date or zone is invalid.
         """
 
-        def opened(path: Path) -> Input:
-            if following is not None:
-                return followed(self._followed(path), following)
-            return _opened(path, self)
-
         self._check_log_options()
-        progress, unreadable = progress or Progress(), list[FileError]()
-        inputs = [one for _, one in self._each(opened, progress, unreadable)]
-        times = (_times_of(one, progress) for one in inputs)
-        span = time_range(self.since, self.until, times, self.zone_given())
+        inputs, unreadable = list[Input](), list[FileError]()
+        for path in self.paths():
+            try:
+                if following is None:
+                    inputs.append(_opened(path, self))
+                else:
+                    inputs.append(followed(self._followed(path), following))
+            except FileError as error:
+                unreadable.append(error)
+        if not inputs:
+            raise unreadable[0]
+        zone = self.zone_given()
+        span = time_range(self.since, self.until, (one.times() for one in inputs), zone)
         found = InputReading(
             inputs,
             span,
@@ -524,24 +507,11 @@ class InputQuery:
             progress,
             facts=facts,
             pair=self.pair,
-            zone=self.zone_given() or UTC,
+            zone=zone or UTC,
         )
         if following is not None:
-            progress.step = f"following {inputs[0].name}"
+            found.progress.step = f"following {inputs[0].name}"
         return found
-
-    def _each(
-        self, opened: Callable[[Path], Input], progress: Progress, unreadable: list[FileError]
-    ) -> Iterator[tuple[Path, Input]]:
-        """Open the inputs; errors of some are added to `unreadable`, and raised if all have one."""
-        for path in (paths := self.paths()):
-            progress.step = f"opening {path}"
-            try:
-                yield path, opened(path)
-            except FileError as error:
-                unreadable.append(error)
-        if len(unreadable) == len(paths):
-            raise unreadable[0]
 
     def _followed(self, path: Path) -> Path:
         """The path; raises UsageError if it is one of several, or cannot grow."""
@@ -552,11 +522,6 @@ class InputQuery:
         if self.kind not in (None, InputKind.MCAP):
             raise UsageError("--follow reads recordings only; leave --input out")
         return path
-
-
-def _times_of(one: Input, progress: Progress) -> tuple[int, int | None] | None:
-    progress.step = f"looking for the first and last time in {one.name}"
-    return one.times()
 
 
 def _pattern_of(text: str) -> re.Pattern[str]:
@@ -573,38 +538,17 @@ def _pattern_of(text: str) -> re.Pattern[str]:
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
     """Refuse an invalid list of inputs before anything is opened.
 
-    Raises UsageError if one is a port or a filter, if standard input is named twice, or the output
-    is one of the inputs.
+    Raises UsageError if standard input is named twice, or the output is one of the inputs.
     """
-    for path in files:
-        if is_port_name(str(path)):
-            live = f"fte-sniff live {shlex.quote(str(path))}"
-            raise UsageError(f"{path} is a port, not a file; `{live}` captures it")
-        if _is_filter(str(path)) and not path.exists():
-            raise UsageError(
-                f"no such file: {quoted(str(path))}; a filter is an option: --filter"
-                f" {shlex.quote(str(path))}"
-            )
     if files.count(STDIN) > 1:
         raise UsageError("'-' is standard input, which can be read once; name it once")
-    for path in files:
-        if output is not None and is_same_file(path, output):
-            raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
+    if output is not None and any(is_same_file(path, output) for path in files):
+        raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
 
 
 def is_typed(files: Sequence[Path]) -> bool:
     """Whether the user types what is read."""
     return STDIN in files and sys.stdin.isatty()
-
-
-def _is_filter(text: str) -> bool:
-    """Whether a text that names no file is a filter."""
-    if not re.search(r"[=<>]|\s(IS|IN|LIKE|BETWEEN)\s", text, re.IGNORECASE):
-        return False
-    try:
-        return row_filter(text) is not None
-    except FilterError:
-        return False
 
 
 def _in_quotes(text: str) -> str:
@@ -743,23 +687,22 @@ def gap_text(gaps: Sequence[Gap]) -> str:
 
 def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
     """Why rows or frames are missing, or what to check; empty otherwise."""
-    if reading is not None:
-        if not tally.rows and reading.span is not None:
-            return "no row is between --from and --to"
-        if not tally.rows and reading.notes:
-            return ""  # the notes name the reason
-        if not tally.rows and reading.selections:
-            wanted = " and ".join(printable(one.filter_text) for one in reading.selections)
-            return f"nothing was selected when the recording was written: {wanted}"
-        if not tally.rows and reading.reported_gaps:
-            return ""  # rows came, but were left out when recorded
-        if tally.rows and not reading.written and reading.row_filter is not None:
-            return f"none of them matches the filter: {printable(reading.row_filter.text)}"
-    if not tally.rows:
-        return "nothing came: check the wire, the ground and the baud rate"
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
         return "no frame found: check the controller, the baud rate and the polarity"
-    return ""
+    if reading is not None and tally.rows and not reading.written and reading.row_filter:
+        return f"none of them matches the filter: {printable(reading.row_filter.text)}"
+    if tally.rows:
+        return ""
+    if reading is None:
+        return "nothing came: check the wire, the ground and the baud rate"
+    if reading.span is not None:
+        return "no row is between --from and --to"
+    if reading.selections and not reading.notes:
+        wanted = " and ".join(printable(one.filter_text) for one in reading.selections)
+        return f"nothing was selected when the recording was written: {wanted}"
+    if reading.notes or reading.reported_gaps:
+        return ""  # they name the reason
+    return "nothing came: check the wire, the ground and the baud rate"
 
 
 def print_saved(notes: Notes) -> None:

@@ -10,7 +10,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
-from types import MappingProxyType
 from typing import NoReturn
 
 import click
@@ -45,29 +44,6 @@ JUDGING = ("check", "doctor")
 """The commands whose exit code 1 is a verdict."""
 
 
-OTHER_WORDS = MappingProxyType(
-    {
-        **dict.fromkeys(
-            ("record", "capture", "monitor", "sniff", "listen", "log"),
-            "`fte-sniff live PORT` records and shows a port",
-        ),
-        "help": "`fte-sniff --help` lists the commands, `fte-sniff COMMAND --help` explains one",
-        **dict.fromkeys(
-            ("plot", "chart", "graph"),
-            "`fte-sniff report FILE -o report.html` plots a file, `fte-sniff view FILE` shows it",
-        ),
-        **dict.fromkeys(
-            ("show", "open", "replay", "play"), "`fte-sniff view FILE` shows a recording or a log"
-        ),
-        **dict.fromkeys(
-            ("convert", "export", "parse", "print", "dump", "filter"),
-            "`fte-sniff decode FILE` prints rows, or converts them with -o",
-        ),
-    }
-)
-"""Words for what a command does, and the command that does it."""
-
-
 class LazyGroup(click.Group):
     """A command group that imports a command when it is used."""
 
@@ -81,9 +57,18 @@ class LazyGroup(click.Group):
         """Find the command, or fail with the closest name; a file is for `view`."""
         name = args[0]
         if name not in COMMANDS and not name.startswith("-") and not ctx.resilient_parsing:
-            if _is_file(name):
+            from fte_sniff.cli.input_files import is_port_name
+
+            if is_port_name(name):
+                ctx.fail(f"{name} is a port, not a command: `{PROGRAM} live` captures it")
+            # os.path.exists is False, and raises no error, where a folder is closed.
+            if os.path.exists(name):  # noqa: PTH110
                 return "view", self.get_command(ctx, "view"), args
-            ctx.fail(_unknown_command(name))
+            from difflib import get_close_matches
+
+            swapped = [known for known in COMMANDS if sorted(known) == sorted(name)]
+            near = swapped or get_close_matches(name, COMMANDS, 1)
+            ctx.fail(f"No such command '{name}'." + (f" Did you mean {near[0]}?" if near else ""))
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -97,32 +82,6 @@ class LazyGroup(click.Group):
         gc.enable()
         assert isinstance(command, click.Command)
         return command
-
-
-def _is_file(name: str) -> bool:
-    """Whether a word names a file or a folder, and not a port."""
-    from fte_sniff.cli.input_files import is_port_name
-
-    # os.path.exists is False, and raises no error, where a folder is closed.
-    return os.path.exists(name) and not is_port_name(name)  # noqa: PTH110
-
-
-def _unknown_command(name: str) -> str:
-    """That a command is unknown, and the command that was probably meant."""
-    import shlex
-
-    from fte_sniff.cli.input_files import is_port_name
-
-    shown = shlex.quote(name)
-    if is_port_name(name):
-        return f"{name} is a port, not a command: `{PROGRAM} live {shown}` captures it"
-    if name in OTHER_WORDS:
-        return f"No such command '{name}'; {OTHER_WORDS[name]}"
-    from difflib import get_close_matches
-
-    swapped = [known for known in COMMANDS if sorted(known) == sorted(name)]
-    near = swapped or get_close_matches(name, COMMANDS, 1)
-    return f"No such command '{name}'." + (f" Did you mean {near[0]}?" if near else "")
 
 
 def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -211,27 +170,7 @@ def _exit_with(message: str, code: int) -> NoReturn:
     sys.exit(code)
 
 
-def _options_with_choice(context: click.Context | None, word: str) -> list[str]:
-    """The options of a command that take a word, with that word: `--format json`."""
-    return [
-        f"{option.opts[0]} {word}"
-        for option in (context.command.params if context else ())
-        if isinstance(option, click.Option)
-        and isinstance(option.type, click.Choice)
-        and word in option.type.choices
-    ]
-
-
 def _one_line(error: click.ClickException) -> str:
-    if isinstance(error, click.NoSuchOption):
-        from difflib import get_close_matches
-
-        # click compares the hyphens too, which all options have.
-        given = error.option_name.lstrip("-")
-        known = error.possibilities or ()
-        near = [option for option in known if get_close_matches(option.lstrip("-"), [given])]
-        near = _options_with_choice(error.ctx, given) or near
-        error = click.NoSuchOption(error.option_name, possibilities=near, ctx=error.ctx)
     message = " ".join(error.format_message().split())
     message = message.replace("a valid integer range", "a whole number")  # click's name of a type
     context = getattr(error, "ctx", None)

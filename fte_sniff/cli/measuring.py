@@ -167,6 +167,9 @@ def table_lines(
 
 def print_lines(lines: Iterable[Text]) -> None:
     """Print lines as they are, however wide the terminal is; with colours on a terminal."""
+    if not sys.stdout.isatty():  # rich would end the program where a pipe is closed
+        sys.stdout.writelines(f"{line.plain}\n" for line in lines)
+        return
     from rich.console import Console
 
     console = Console(file=sys.stdout)

@@ -7,9 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from datetime import tzinfo
 from functools import partial, reduce
-from importlib.util import find_spec
 from math import inf, isnan
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -175,23 +173,14 @@ def require_pseudo_terminals(command: str, instead: str) -> None:
 def install_command(extra: str) -> str:
     """The command that adds the packages of an extra to this environment.
 
-    It names the packages themselves: fte-sniff is on no package index, and an installation from its
-    folder would compile the framer again.
+    It names the packages themselves, because fte-sniff is on no package index.
     """
     import shlex
     from importlib.metadata import requires  # slow
 
-    needs = [
-        need.split(";")[0].strip() for need in requires("fte-sniff") or () if f'"{extra}"' in need
-    ]
-    packages = " ".join(map(shlex.quote, needs))
-    prefix = Path(sys.prefix)
-    if (prefix / "pipx_metadata.json").exists():
-        return f"pipx inject {shlex.quote(prefix.name)} {packages}"
-    python = shlex.quote(sys.executable)
-    if find_spec("pip") is None:
-        return f"uv pip install --python {python} {packages}"
-    return f"{python} -m pip install {packages}"
+    mark = f'"{extra}"'
+    needs = [need.split(";")[0].strip() for need in requires("fte-sniff") or () if mark in need]
+    return shlex.join([sys.executable, "-m", "pip", "install", *needs])
 
 
 DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"

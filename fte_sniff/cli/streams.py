@@ -15,7 +15,6 @@ import os
 import select
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
@@ -249,54 +248,34 @@ def ending_signals(
                 signal.signal(number, signal.SIG_IGN if requested else handler)
 
 
-if POSIX:
+@contextmanager
+def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
+    """Context whose value begins the alarms, which abandon blocked outputs and call `stop`.
 
-    @contextmanager
-    def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
-        """Context whose value begins the alarms, which abandon blocked outputs and call `stop`.
+    Outputs are abandoned after the context too. Windows has no alarms.
+    """
+    if not POSIX:
+        yield lambda: None
+        return
+    begun = False
 
-        Outputs are abandoned after the context too.
-        """
-        begun = False
+    def begin() -> None:
+        nonlocal begun
+        begun = True
+        signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
 
-        def begin() -> None:
-            nonlocal begun
-            begun = True
-            signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
-
-        def on_alarm(*_: object) -> None:
-            abandon_blocked()
-            stop()
-
-        before = signal.signal(signal.SIGALRM, on_alarm)
-        try:
-            yield begin
-        finally:
-            signal.signal(signal.SIGALRM, _on_late_alarm if begun else before)
-            if begun:
-                # During interpreter shutdown no Python handler runs; SIGALRM would kill.
-                atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
-
-    def _on_late_alarm(*_: object) -> None:
+    def on_alarm(*_: object) -> None:
         abandon_blocked()
+        stop()
 
-else:
-
-    @contextmanager
-    def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
-        """Context whose value begins the calls of `stop`, in a thread; outputs stay blocked."""
-        ended = threading.Event()
-
-        def run() -> None:
-            wait_s = OUTPUT_PATIENCE_S
-            while not ended.wait(wait_s):
-                wait_s = _REPEAT_S
-                stop()
-
-        try:
-            yield threading.Thread(target=run, name="repeats the request", daemon=True).start
-        finally:
-            ended.set()
+    before = signal.signal(signal.SIGALRM, on_alarm)
+    try:
+        yield begin
+    finally:
+        signal.signal(signal.SIGALRM, (lambda *_: abandon_blocked()) if begun else before)
+        if begun:
+            # During interpreter shutdown no Python handler runs; SIGALRM would kill.
+            atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
 
 PATIENCE_S: Final = 2.0
@@ -306,21 +285,21 @@ _INTERVAL_S: Final = 0.2
 _LONGEST_WAIT_S: Final = 1.0
 """How long a terminal that takes nothing may delay the end."""
 
-_USUAL_COLUMNS: Final = 80
-
 _ERASE: Final = "\r\x1b[K"
 
 
 class ProgressLine:
     """Shows a `Progress` while it takes long."""
 
-    def __init__(self, progress: Progress, *, shown: bool) -> None:
-        """Show nothing yet, and nothing at all without `shown`."""
+    def __init__(self, progress: Progress) -> None:
+        """Show nothing yet."""
         self.progress = progress
         self._ended, self._start = Event(), monotonic()
         self._thread = Thread(target=self._run, name="shows progress", daemon=True)
-        if shown:
-            self._thread.start()
+
+    def begin(self) -> None:
+        """Show the progress after a while."""
+        self._thread.start()
 
     def end(self) -> None:
         """Erase the line for good."""
@@ -331,12 +310,14 @@ class ProgressLine:
     def _run(self) -> None:
         if self._ended.wait(PATIENCE_S):
             return
-        while True:
-            text = progress_text(self.progress, monotonic() - self._start)
-            _write(f"{_ERASE}{text[: _columns() - 1]}")
-            if self._ended.wait(_INTERVAL_S):
-                _write(_ERASE)
-                return
+        try:
+            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+            while not self._ended.wait(_INTERVAL_S):
+                text = progress_text(self.progress, monotonic() - self._start)
+                print(f"{_ERASE}{text[: columns - 1]}", end="", file=sys.stderr, flush=True)
+            print(_ERASE, end="", file=sys.stderr, flush=True)
+        except OSError:
+            abandon(sys.stderr.fileno())
 
 
 @contextmanager
@@ -347,27 +328,13 @@ def progress_line(*, shown: bool = True) -> Iterator[ProgressLine]:
     """
     from fte_sniff.session.inputs import Progress
 
-    line = ProgressLine(Progress(), shown=shown and sys.stderr.isatty())
+    line = ProgressLine(Progress())
+    if shown and sys.stderr.isatty():
+        line.begin()
     try:
         yield line
     finally:
         line.end()
-
-
-def _write(text: str) -> None:
-    try:
-        sys.stderr.write(text)
-        sys.stderr.flush()
-    except OSError:
-        abandon(sys.stderr.fileno())
-
-
-def _columns() -> int:
-    """The columns of the terminal."""
-    try:
-        return os.get_terminal_size(sys.stderr.fileno()).columns or _USUAL_COLUMNS
-    except OSError:
-        return _USUAL_COLUMNS
 
 
 def progress_text(progress: Progress, seconds: float) -> str:
