@@ -21,7 +21,7 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Final, NamedTuple
 
-from fte_sniff.errors import FileError, reason_of, unwritable
+from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
 from fte_sniff.platform import POSIX, open_flags, sync_folder, try_to_lock
 
 _CLOSED: Final = -1
@@ -193,7 +193,7 @@ class OutputFile:
         except OSError as error:
             is_there = not isinstance(error, FileNotFoundError | NotADirectoryError)
         if not is_there or own.st_size < least:
-            raise LostDataError
+            raise LostDataError(_LOST)
 
     def _unlock(self) -> None:
         if self._replaced is not None:
@@ -249,6 +249,8 @@ def delete(path: Path, identity: FileIdentity) -> bool:
 class LostDataError(OSError):
     """Another program deleted, moved, replaced or cut off the file."""
 
+
+_LOST: Final = TranslatableText("the file was deleted, moved, replaced or cut off")
 
 STOPPED: Final[Mapping[type[OSError], str]] = {
     LostDataError: "recording stopped: {path} was deleted, moved, replaced or cut off while it was "

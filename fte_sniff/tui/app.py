@@ -46,7 +46,7 @@ from fte_sniff.tui.line import CommandLine
 from fte_sniff.tui.motors import MotorsPage
 from fte_sniff.tui.notes import NotesControl
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
-from fte_sniff.tui.pages import Context, Page, Pane
+from fte_sniff.tui.pages import Context, ListPage, Page, Pane
 from fte_sniff.tui.parts import Parts
 from fte_sniff.tui.status import Mode, StatusLine, TitleLine, badge_text, mode_of
 from fte_sniff.tui.streams import StreamsPage
@@ -69,6 +69,9 @@ SHARE: Final = 8
 
 FINDINGS_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings in a capture."""
+
+OVER_NS: Final = 20_000_000_000
+"""Time after the end of a finding in which its line stays."""
 
 LEAST: Final = 9
 """Lines of the terminal from which on the column names and the keys are shown."""
@@ -121,7 +124,7 @@ class SniffApp(App[None]):
         self._searched, self._examiner = -1, Examiner(self.view.store)
         self._recording_since_ns: int | None = None
         self._reported = set[tuple[Cause, str, int | None]]()
-        """Topics of the findings that were shown in a line."""
+        """Topics of the findings that go on, which are or were shown in a line."""
         self._bind_keys()
         self.first_choices = self.choices
 
@@ -435,15 +438,18 @@ class SniffApp(App[None]):
         self._give(self.table)
         for warning in self._options.warnings:
             self.status.warn(_(warning))
-        self.tick()
-        if not self.view.state.live:
-            self.table.jump(0)
-        self.set_interval(TICK_S, self._on_clock)
+        self.call_after_refresh(self._begin)  # so that the screen is there before the rows
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             # Only the main thread can have signal handlers.
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.exit)
+
+    def _begin(self) -> None:
+        self.tick()
+        if not self.view.state.live:
+            self.table.jump(0)
+        self.set_interval(TICK_S, self._on_clock)
 
     def on_unmount(self) -> None:
         """Remove an unfinished file and the signal handlers."""
@@ -561,16 +567,26 @@ class SniffApp(App[None]):
                 self._show(self.findings)
         else:
             self._announce(found)
-        self._reported |= {(one.cause, one.port, one.motor) for one in found}
         self.show_state()
 
     def _announce(self, found: Sequence[Finding]) -> None:
-        """Show a new finding of a capture in one line, once; events of ports were shown before."""
-        for one in found:
-            topic = (one.cause, one.port, one.motor)
-            if one.cause is not Cause.PORT and topic not in self._reported:
+        """Show what goes on now, a line each; events of ports were shown before.
+
+        A line grows with its finding until esc, and is removed some time after its end.
+        """
+        now_ns = self.view.now_ns(self.now_ns()) or 0
+        going_on = {
+            (one.cause, one.port, one.motor): one
+            for one in sorted(found, key=lambda one: one.last_ns)
+            if one.cause is not Cause.PORT and one.last_ns > now_ns - OVER_NS
+        }
+        for topic in self._reported - going_on.keys():
+            self.status.forget(topic)
+        for topic, one in going_on.items():
+            if topic not in self._reported or self.status.warns(topic):
                 when = span_of(one, self.table.look.shown_zone)
                 self.status.warn(f"{when}: {_(one.text)}", topic)
+        self._reported = {*going_on}
 
     # What is shown
 
@@ -646,7 +662,7 @@ class SniffApp(App[None]):
         asked = (
             *(view.finding, chosen, self.strip.size, self.theme, self.language),
             *(pane.page, pane.size, table.field, view.shown.matches),
-            *(self.findings.at, self.findings.found, self.streams.at),
+            *(self.findings.at, self.findings.listed, self.streams.at),
         )
         drawn = (table.cursor_index, view.shown.count, view.store.next if cursor is None else 0)
         if asked == self._asked and (drawn == self._drawn or now_ns < self._draw_due_ns):
@@ -712,7 +728,7 @@ class SniffApp(App[None]):
 
     @on(Pane.Chosen)
     def _on_line_chosen(self, event: Pane.Chosen) -> None:
-        if isinstance(page := self.pane.page, FindingsPage | StreamsPage):
+        if isinstance(page := self.pane.page, ListPage):
             page.at = event.line
             if event.twice:
                 self.do_open()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
 from functools import cache
@@ -90,15 +90,6 @@ def value_parts(
         if sum(len(text) + 1 for text, _field in parts) <= width + 1:
             break
     return parts
-
-
-def first_fitting(texts: Iterable[str], width: int) -> str:
-    """The first text that fits into `width` cells, or else the last."""
-    text = ""
-    for text in texts:
-        if cell_len(text) <= width:
-            break
-    return text
 
 
 def is_raised(row: Row) -> bool:

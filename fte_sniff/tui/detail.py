@@ -7,35 +7,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from typing import ClassVar, Final
 
 import numpy as np
-from rich.cells import cell_len
-from rich.style import Style
+from rich.table import Table
 from rich.text import Text
 
 from fte_sniff.analysis.line_setup import LineSetup
 from fte_sniff.analysis.relations import AnswerState
 from fte_sniff.errors import listed, printable
-from fte_sniff.formats.cell_text import padded, wrap
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import iso_time, spaced_hex, status_of
+from fte_sniff.protocol import Status, iso_time, spaced_hex, status_of
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
-from fte_sniff.tui.pages import Context, Page
+from fte_sniff.tui.pages import Context, Page, text_of
 from fte_sniff.tui.painter import BOLD, Palette, Sign
 from fte_sniff.tui.view import Answered
-
-INLINE_BYTES: Final = 4
-"""A field of at most this many bytes shows them before its name; others below it."""
-
-MIN_TEXT_CELLS: Final = 30
-"""Cells that a text needs at least to start after the value; else it is below."""
 
 UNCERTAIN_ORDER: Final = later(
     "the order with rows of the other port is uncertain: the times are too close"
@@ -51,20 +42,11 @@ NO_ANSWER: Final = {
 }
 """What is known of a command that has no answer."""
 
-_HEX_WIDTH: Final = 3 * INLINE_BYTES
-_NAME_WIDTH: Final = 10
-_VALUE_WIDTH: Final = 18
-_INDENT: Final = " " * (2 + _HEX_WIDTH)
+_HEX_WIDTH: Final = len("00 00 00 00")
+"""Cells of the bytes of a field; more are below."""
 
 AROUND_BYTES: Final = 32
 """Bytes before the row, and after it, that are shown."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    palette: Palette
-    width: int
-    field: int | None
 
 
 class DetailPage(Page):
@@ -74,35 +56,27 @@ class DetailPage(Page):
     SHORT: ClassVar[bool] = True
     EXPLAINS_ROW: ClassVar[bool] = True
 
-    def titles(self, context: Context) -> Sequence[str]:
+    def title(self, context: Context) -> str:
         """The title."""
-        return [_("the row, byte by byte")]
+        return _("the row, byte by byte")
 
     def text(self, context: Context) -> Text:
         """Heading, what it belongs to, its fields, and the bytes around it."""
-        row, index = context.row, context.index
+        row, index, palette = context.row, context.index, context.palette
         if row is None or index is None:
             return Text(_("no row"))
-        layout = _Layout(context.palette, context.size.width, context.field)
-        lines = _heading(row, context, layout)
-        style = context.palette.statuses[row.status]
-        marked = [(LOOKS[row.status].mark, text, style) for text in explain(row)]
+        signs, style = Table.grid(padding=(0, 1, 0, 0)), palette.statuses[row.status]
+        for text in explain(row):
+            signs.add_row(LOOKS[row.status].mark, _(text), style=style)
         if row.unordered:
-            marked.append((ORDER_MARK, UNCERTAIN_ORDER, Style.null()))
-        marked += [
-            (Sign.PAIRED.value, text, context.palette.signs) for text in relations(context, index)
-        ]
-        for sign, text, own in marked:
-            parts = wrap(_(text), layout.width - 2)
-            lines += [Text(f"{' ' if n else sign} {part}", own) for n, part in enumerate(parts)]
-        fields = [_with_turns(field, context.view.setup) for field in dissect(row)]
-        value_width = _VALUE_WIDTH if any(field.value for field in fields) else 0
-        for number, field in enumerate(fields):
-            lines += _field_lines(field, layout, value_width, number == layout.field)
-        lines += [Text(), *bytes_around(context, row, index)]
-        for line in lines:
-            line.truncate(layout.width, overflow="ellipsis")
-        return Text("\n").join(lines)
+            signs.add_row(ORDER_MARK, _(UNCERTAIN_ORDER))
+        for text in relations(context, index):
+            signs.add_row(Sign.PAIRED.value, text, style=palette.signs)
+        return text_of(
+            *(_heading(row, context), signs, _fields(row, context), ""),
+            *bytes_around(context, row, index),
+            width=context.size.width,
+        )
 
 
 def relations(context: Context, index: int) -> list[str]:
@@ -129,7 +103,7 @@ def _answer_text(one: Answered, context: Context) -> str:
     return _(form, row=context.row_text(one.answer), delay=span_text(one.delay_ns))
 
 
-def _heading(row: Row, context: Context, layout: _Layout) -> list[Text]:
+def _heading(row: Row, context: Context) -> Text:
     name = row.kind.name if row.kind else _("unknown frame") if row.framed else _("damage")
     time = _("no time") if row.t_ns is None else iso_time(row.t_ns, context.zone)
     position = _(
@@ -138,13 +112,9 @@ def _heading(row: Row, context: Context, layout: _Layout) -> list[Text]:
         length=len(row.raw),
         port=printable(row.port),
     )
-    lines = [Text(name, context.palette.statuses[row.status] + BOLD)]
-    for text in (time, position):
-        if lines[-1].cell_len + 2 + cell_len(text) <= layout.width:
-            lines[-1].append(f"  {text}", Style(bold=False))
-        else:
-            lines.append(Text(f"  {text}"))
-    return lines
+    return Text.assemble(
+        (name, context.palette.statuses[row.status] + BOLD), f"  {time}  {position}"
+    )
 
 
 def _with_turns(field: ExplainedField, setup: LineSetup) -> ExplainedField:
@@ -155,38 +125,30 @@ def _with_turns(field: ExplainedField, setup: LineSetup) -> ExplainedField:
     return field._replace(value=f"{field.value}, {turns}") if turns else field
 
 
-def _field_lines(
-    field: ExplainedField, layout: _Layout, value_width: int, is_looked_at: bool
-) -> Iterator[Text]:
-    """Bytes, name, value and meaning; then more bytes, the fault, and the bits."""
-    palette = layout.palette
-    style = palette.statuses[status_of((field.fault,))] if field.fault else Style.null()
-    own = style + palette.field if is_looked_at else style
-    mark = LOOKS[status_of((field.fault,))].mark if field.fault else " "
-    inline = len(field.raw) <= INLINE_BYTES
-    value = field.value
-    if field.bits:
-        value += "  " + "".join("01"[bit.is_set] for bit in reversed(field.bits))
-    digits = spaced_hex(field.raw) if inline else ""
-    line = Text.assemble(
-        *((mark, style), " ", (digits, own), " " * (_HEX_WIDTH - len(digits))),
-        *((field.name, own + BOLD), " " * max(1, _NAME_WIDTH + 1 - len(field.name))),
-        f"{padded(value, value_width)} " if value_width else "",
-    )
-    first, *more = _wrapped_after(_(field.meaning), line.cell_len, layout.width)
-    line.append(first, palette.muted)
-    line.rstrip()
-    note = _(field.note)
-    if note and inline and not more and line.cell_len + 2 + cell_len(note) <= layout.width:
-        line.append(f"  {note}", style)
-        note = ""
-    yield line
-    for text in more:
-        yield Text(text, palette.muted)
-    if not inline:
-        yield Text.assemble((mark, style), " ", (spaced_hex(field.raw), own))
-    yield from _indented(note, style, layout.width)
-    yield from _indented(_bits_in_a_line(field.bits), palette.muted, layout.width)
+def _fields(row: Row, context: Context) -> Table:
+    """Sign, bytes, name, value and meaning of each field; with the meaning, its fault and bits."""
+    palette, table = context.palette, Table.grid(padding=(0, 1, 0, 0))
+    table.add_column(no_wrap=True)
+    table.add_column(max_width=_HEX_WIDTH)
+    for number, field in enumerate(dissect(row)):
+        field = _with_turns(field, context.view.setup)
+        status = status_of((field.fault,)) if field.fault else Status.OK
+        style = palette.statuses[status]
+        own = style + palette.field if number == context.field else style
+        value = f"{field.value}  {''.join('01'[bit.is_set] for bit in reversed(field.bits))}"
+        texts = (
+            Text(_(field.meaning), palette.muted),
+            Text(_(field.note), style),
+            Text(_bits_in_a_line(field.bits), palette.muted),
+        )
+        table.add_row(
+            Text(LOOKS[status].mark, style),
+            Text(spaced_hex(field.raw), own),
+            Text(field.name, own + BOLD),
+            value.strip(),
+            Text("\n").join(filter(None, texts)),
+        )
+    return table
 
 
 def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:
@@ -196,21 +158,6 @@ def _bits_in_a_line(bits: Sequence[ExplainedBit]) -> str:
         for label, run in groupby(reversed(bits), key=lambda bit: bit.label)
     ]
     return _("bits 7-0: {bits}", bits=listed(runs)) if runs else ""
-
-
-def _wrapped_after(text: str, start: int, width: int) -> list[str]:
-    """The text from cell `start` on, later lines indented; all below where that is too narrow."""
-    if not text:
-        return [""]
-    left = width - start
-    if left >= MIN_TEXT_CELLS or left >= cell_len(text):
-        first, *more = wrap(text, left)
-        return [first, *(" " * start + line for line in more)]
-    return ["", *(_INDENT + line for line in wrap(text, width - len(_INDENT)))]
-
-
-def _indented(text: str, style: Style, width: int) -> list[Text]:
-    return [Text(_INDENT + line, style) for line in wrap(text, width - len(_INDENT))]
 
 
 # The bytes around the row
@@ -223,7 +170,7 @@ def bytes_around(context: Context, row: Row, index: int) -> Iterator[Text]:
     start, stop = row.offset - AROUND_BYTES, row.offset + len(row.raw) + AROUND_BYTES
     beside = (rows.offset + rows.length.astype(np.int64) > start) & (rows.offset < stop)
     found, starts = dict[int, int](), set[int]()
-    for other in _in_order(rows, np.flatnonzero(beside)):
+    for other in rows.select(np.flatnonzero(beside)):
         found |= dict(enumerate(other.raw, other.offset))
         starts.add(other.offset)
     per_line = 16 if context.size.width >= 16 * 4 + 14 else 8
@@ -233,10 +180,6 @@ def bytes_around(context: Context, row: Row, index: int) -> Iterator[Text]:
         offsets = range(first, first + per_line)
         if any(one in found for one in offsets):
             yield _dump_line(offsets, found, starts, own, context.palette)
-
-
-def _in_order(rows: Rows, at: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Iterator[Row]:
-    return iter(rows.select(at))
 
 
 def _dump_line(

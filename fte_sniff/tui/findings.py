@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from datetime import tzinfo
 from typing import ClassVar
 
-from rich.style import Style
+from rich.table import Table
 from rich.text import Text
 
 from fte_sniff.analysis.findings import Finding
 from fte_sniff.errors import TranslatableText
-from fte_sniff.formats.cell_text import clock_text, wrap
+from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import _
 from fte_sniff.protocol import Status
-from fte_sniff.tui.pages import CHOSEN, LINE, Context, Page
+from fte_sniff.tui.pages import Context, ListPage, text_of
+from fte_sniff.tui.painter import REVERSED
 
 
 def span_of(finding: Finding, zone: tzinfo) -> str:
@@ -23,61 +24,38 @@ def span_of(finding: Finding, zone: tzinfo) -> str:
     return f"{first} - {last}"
 
 
-class FindingsPage(Page):
+class FindingsPage(ListPage[Finding]):
     """The findings about all rows so far."""
 
     NAME = "findings"
     SHORT: ClassVar[bool] = True
 
     def __init__(self) -> None:
-        self.found: Sequence[Finding] = ()
+        super().__init__()
         self.coverage: Sequence[TranslatableText] = (
             TranslatableText("the search has not ended yet"),
         )
         """What could not be examined, or if nothing was found, what was examined."""
-        self.at = 0
-
-    @property
-    def chosen(self) -> Finding | None:
-        """The finding to which enter leads; None without findings."""
-        return self.found[self.at] if self.found else None
 
     def take(self, found: Sequence[Finding], coverage: Sequence[TranslatableText]) -> None:
         """Replace the findings; the chosen one stays chosen if a new one continues it."""
-        before, self.found, self.coverage = self.chosen, found, coverage
+        before, self.listed, self.coverage = self.chosen, found, coverage
         continued = (at for at, one in enumerate(found) if before and one.continues(before))
-        self.at = next(continued, max(0, min(self.at, len(found) - 1)))
+        self.choose(next(continued, self.at))
 
-    def move(self, by: int) -> bool:
-        """Choose the next finding, or the one before."""
-        self.at = max(0, min(self.at + by, len(self.found) - 1))
-        return bool(self.found)
-
-    def titles(self, context: Context) -> Sequence[str]:
+    def title(self, context: Context) -> str:
         """Their number, and what enter does."""
-        if not self.found:
-            return [_("findings")]
-        title = _("findings: {count}", count=len(self.found))
-        return [f"{title}   {_('enter: its rows   J K: another')}", title]
+        title = _("findings: {count}", count=len(self.listed)) if self.listed else _("findings")
+        return f"{title}   {_('enter: its rows   J K: another')}" if self.listed else title
 
     def text(self, context: Context) -> Text:
         """The findings, and what could not be examined."""
-        width, palette = context.size.width, context.palette
-        lines = []
-        for number, one in enumerate(self.found):
-            when = span_of(one, context.zone)
-            indent = len(when) + 4
-            first, *more = wrap(_(one.text), max(20, width - indent)) or [""]
+        palette, table = context.palette, Table.grid(padding=(0, 2, 0, 0))
+        wrong = palette.statuses[Status.MALFORMED]
+        for number, one in enumerate(self.listed):
             is_chosen = number == self.at
-            line = Text(">" if is_chosen else " ").append(" ")
-            line.append(when, CHOSEN if is_chosen else palette.muted).append("  ")
-            line.append(first, palette.statuses[Status.MALFORMED])
-            own = [
-                line,
-                *(Text(" " * indent + text, palette.statuses[Status.MALFORMED]) for text in more),
-            ]
-            for part in own:
-                part.stylize(Style(meta={LINE: number}))
-            lines += own
-        remarks = [line for one in self.coverage for line in wrap(_(one), width)]
-        return Text("\n").join([*lines, *(Text(line, palette.muted) for line in remarks)])
+            sign, when = ">" if is_chosen else " ", span_of(one, context.zone)
+            look = REVERSED if is_chosen else palette.muted
+            table.add_row(sign, Text(when, look), Text(_(one.text), wrong), style=self.meta(number))
+        remarks = (Text(_(one), palette.muted) for one in self.coverage)
+        return text_of(table, *remarks, width=context.size.width)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import ClassVar, Final
 
-from rich.cells import cell_len
+from rich.console import Group, RenderableType
+from rich.table import Table
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -16,7 +17,6 @@ from textual.widgets import Static
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import listed
-from fte_sniff.formats.cell_text import wrap
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
@@ -86,22 +86,15 @@ PAGES: Final = (
 )
 
 
-def help_text(page: int, width: int) -> Text:
-    """A page in `width` cells."""
-    lines: list[Text] = []
+def help_text(page: int) -> Group:
+    """A page: a table under each heading."""
+    parts = list[RenderableType]()
     for heading, pairs in PAGES[page][1]():
-        lines.append(Text(heading, "bold"))
-        left = min(max(cell_len(name) for name, _meaning in pairs), width // 2)
+        table = Table.grid(padding=(0, 2, 0, 0))
         for name, meaning in pairs:
-            first, *more = wrap(meaning, max(8, width - left - 4)) or [""]
-            if cell_len(name) > left:
-                lines.append(Text(f"  {name}", "bold"))
-                name = ""
-            space = " " * (left - cell_len(name) + 2)
-            lines.append(Text.assemble("  ", (name, "bold"), space, first))
-            lines += [Text(" " * (left + 4) + line) for line in more]
-        lines.append(Text())
-    return Text("\n", no_wrap=True).join(lines[:-1])
+            table.add_row(Text(f"  {name}", "bold"), Text(meaning))
+        parts += [Text(heading, "bold"), table, ""]
+    return Group(*parts[:-1])
 
 
 class HelpPage(ModalScreen[None]):
@@ -122,19 +115,15 @@ class HelpPage(ModalScreen[None]):
         """The page."""
         yield self._box
 
-    def on_resize(self) -> None:
-        """Wrap the page to the new width."""
-        self.call_after_refresh(self._draw)
+    def on_mount(self) -> None:
+        """Show the first page."""
+        self._draw()
 
     def _draw(self) -> None:
-        width = self._box.scrollable_content_region.width
-        text = help_text(self._page, max(20, width - 1))
-        self._text.update(text, layout=False)
-        self._text.styles.height = text.plain.count("\n") + 1
+        self._text.update(help_text(self._page))
         title, other = PAGES[self._page][0], PAGES[1 - self._page][0]
         self._box.border_title = Text(_(title))
-        hint = _("tab: {page}   esc: back", page=_(other))
-        self._box.border_subtitle = Text(hint)
+        self._box.border_subtitle = Text(_("tab: {page}   esc: back", page=_(other)))
 
     def action_turn(self) -> None:
         """Show the other page."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,15 +10,12 @@ import numpy as np
 import polars as pl
 from rich.text import Text
 
-from fte_sniff.analysis.motors import MotorState, Reading, Trouble
+from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.analysis.plots import envelope, motor_values
 from fte_sniff.analysis.relations import AnswerState, answers, with_late
 from fte_sniff.formats.cell_text import (
-    UNKNOWN,
     clock_text,
     fit_right,
-    padded,
-    rate_text,
     short_number,
 )
 from fte_sniff.formats.looks import LOOKS
@@ -26,11 +23,11 @@ from fte_sniff.i18n import _
 from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Status
 from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
-from fte_sniff.tui.cells import RAISED_MARK, first_fitting, span_text, turns_text
+from fte_sniff.tui.cells import RAISED_MARK, span_text
 from fte_sniff.tui.curves import HOLD_NS, SCALE_CELLS, Curves, dots_across, held, plot, time_axis
 from fte_sniff.tui.pages import Context, Page
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette, Sign
-from fte_sniff.tui.strip import latest, style_of
+from fte_sniff.tui.strip import latest, style_of, target_text
 from fte_sniff.tui.view import AROUND
 
 SECOND_NS: Final = 1_000_000_000
@@ -46,9 +43,6 @@ QUANTITIES: Final = tuple(
 )
 """The fields that a motor has a target of: speed and position."""
 
-STALE_NS: Final = SECOND_NS
-"""Age from which on a value is shown with its age."""
-
 FOUR_COLUMNS: Final = 160
 TWO_COLUMNS: Final = 68
 """Cells from which on four, or two, cards are side by side."""
@@ -57,8 +51,6 @@ LEAST_CARD: Final = 8
 """Lines of a card below which one motor has the whole pane."""
 
 GAP: Final = 2
-
-_LABEL_WIDTH: Final = 8
 
 LANES: Final[Mapping[str, str]] = {
     "unanswered": Sign.UNANSWERED.value,
@@ -116,12 +108,11 @@ class MotorsPage(Page):
         """Plot more time (`by` 1), or less (-1)."""
         self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
 
-    def titles(self, context: Context) -> Sequence[str]:
+    def title(self, context: Context) -> str:
         """The plotted time, and what the curves are."""
         span = span_text(self._plotted_ns(context))
         title = _("motors, {span}: line feedback, dots target", span=span)
-        keys = _("1-4: one motor   z Z: time")
-        return [f"{title}   {keys}", title, _("motors, {span}", span=span)]
+        return f"{title}   {_('1-4: one motor   z Z: time')}"
 
     def _plotted_ns(self, context: Context) -> int:
         finding = context.view.finding
@@ -190,67 +181,12 @@ def _events(rows: Rows, runs: object) -> dict[tuple[int, str], Ints]:
 
 
 def _card(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:
-    """Text and plots of one motor in exactly `height` lines."""
-    lines = list(_texts(state, drawing, width))[: max(1, height - 5)]
-    lines += _plots(state, drawing, width, height - len(lines))
-    return [*lines, *(Text() for _ in range(height - len(lines)))][:height]
-
-
-def _texts(state: MotorState, drawing: _Drawing, width: int) -> Iterator[Text]:
-    palette = drawing.palette
+    """State and plots of one motor in exactly `height` lines."""
     head = Text(_("motor {number}", number=state.motor), BOLD)
-    yield head.append(f"  {_(state.text)}", style_of(state.trouble, palette))
-    yield _labelled(_("target"), _reading(state.target, drawing), palette)
-    present = [_reading(one, drawing) for one in state.present.values()]
-    yield _labelled(_("now"), Text("  ").join(present) if present else Text(UNKNOWN), palette)
-    yield _answers(state, width, palette)
-
-
-def _labelled(label: str, text: Text, palette: Palette) -> Text:
-    return Text.assemble((padded(label, _LABEL_WIDTH), palette.muted), text)
-
-
-def _reading(reading: Reading | None, drawing: _Drawing) -> Text:
-    """The values of a frame, since when they are the same, and its age where it is old."""
-    if reading is None:
-        return Text(UNKNOWN, drawing.palette.muted)
-    parts: list[str] = []
-    for name, value in reading.values.items():
-        field = FIELD_BY_NAME[name]
-        if name == reading.kind.subject and reading.kind.names_motor:
-            turns = turns_text(value, drawing.context.view.setup)
-            is_position = field.role is Role.POSITION
-            parts.insert(
-                0, f"{value} {field.unit}" + (f" {turns}" if is_position and turns else "")
-            )
-        elif reading.kind.direction is Direction.CONTROL:
-            parts.append(f"{field.option}={value}")
-    text = Text(reading.kind.name).append(f" {' '.join(parts)}".rstrip(), BOLD)
-    now_ns = drawing.context.span.now_ns
-    if reading.t_ns is not None and now_ns is not None and now_ns - reading.t_ns >= STALE_NS:
-        age = _("{span} ago", span=span_text(now_ns - reading.t_ns))
-        text.append(f" {age}", drawing.palette.muted)
-    elif reading.since_ns is not None and reading.kind.direction is Direction.CONTROL:
-        time = clock_text(reading.since_ns, 1, drawing.context.zone)
-        text.append(f" {_('since {time}', time=time)}", drawing.palette.muted)
-    return text
-
-
-def _answers(state: MotorState, width: int, palette: Palette) -> Text:
-    asked = state.answered + state.unanswered
-    rate = rate_text(state.commands_per_s)
-    if asked and not state.unanswered:
-        text = _("{rate} commands, last 10 s: all {all:,} answered", rate=rate, all=asked)
-    else:
-        text = _(
-            "{rate} commands, last 10 s: {unanswered:,} of {all:,} unanswered",
-            rate=rate,
-            unanswered=state.unanswered,
-            all=asked,
-        )
-    times = f", p50 {span_text(state.delay_p50_ns)}, p99 {span_text(state.delay_p99_ns)}"
-    style = palette.statuses[Status.MALFORMED] if state.unanswered else PLAIN
-    return Text(first_fitting((text + times, text), width), style)
+    head.append(f"  {_(state.text)}", style_of(state.trouble, drawing.palette))
+    head.append(f"  {' '.join(target_text(state).split())}", PLAIN)
+    lines = [head, *_plots(state, drawing, width, height - 1)]
+    return [*lines, *(Text() for _ in range(height - len(lines)))][:height]
 
 
 def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:

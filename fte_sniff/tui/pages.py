@@ -6,8 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Generic, TypeVar
 
+from rich.console import Console, Group, RenderableType
+from rich.style import Style
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.containers import VerticalScroll
@@ -19,14 +21,16 @@ from textual.widgets import Static
 from fte_sniff.analysis.motors import MotorState
 from fte_sniff.i18n import _
 from fte_sniff.protocol.rows import Row
-from fte_sniff.tui.cells import first_fitting
 from fte_sniff.tui.painter import Palette
 from fte_sniff.tui.view import Span, View
 
 LINE: Final = "line"
 """Key in the meta data of a style, under which the number of a line that can be chosen is."""
 
-_CORNERS: Final = 4
+CHOSEN: Final = "chosen"
+"""Key under which is whether it is the chosen line."""
+
+Listed = TypeVar("Listed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +74,8 @@ class Page(ABC):
     """Whether it is about the cursor's row, which then should not move away."""
 
     @abstractmethod
-    def titles(self, context: Context) -> Sequence[str]:
-        """Titles, of which the first that fits is shown."""
+    def title(self, context: Context) -> str:
+        """The title, the most important first: it is cut where the pane is narrow."""
 
     @abstractmethod
     def text(self, context: Context) -> Text:
@@ -80,6 +84,42 @@ class Page(ABC):
     def move(self, by: int) -> bool:
         """Choose another line; False where none can be chosen, so that the page scrolls."""
         return False
+
+
+class ListPage(Page, Generic[Listed]):
+    """A page with a list, in which one line is chosen."""
+
+    def __init__(self) -> None:
+        self.listed: Sequence[Listed] = ()
+        self.at = 0
+        """The chosen line."""
+
+    @property
+    def chosen(self) -> Listed | None:
+        """That to which enter leads; None in an empty list."""
+        return self.listed[self.at] if self.listed else None
+
+    def choose(self, at: int) -> None:
+        """Choose the line with a number, or the nearest."""
+        self.at = max(0, min(at, len(self.listed) - 1))
+
+    def move(self, by: int) -> bool:
+        """Choose the next line (`by` 1), or the one before (-1)."""
+        self.choose(self.at + by)
+        return bool(self.listed)
+
+    def meta(self, number: int) -> Style:
+        """What finds a line again: for the mouse, and for the chosen one to be in view."""
+        return Style(meta={LINE: number, CHOSEN: number == self.at})
+
+
+def text_of(*parts: RenderableType, width: int) -> Text:
+    """Tables and texts, wrapped to some cells."""
+    console = Console(width=width)
+    segments = console.render(Group(*parts), console.options)
+    text = Text.assemble(*((one.text, one.style or "") for one in segments))
+    text.right_crop(1)  # the end of the last line
+    return text
 
 
 class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
@@ -118,8 +158,7 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
         page = self.page
         if page is None or not self.scrollable_content_region:
             return
-        width = self.size.width - _CORNERS
-        self.border_title = Text(first_fitting(page.titles(context), width))
+        self.border_title = Text(page.title(context))
         text = page.text(context)
         text.no_wrap = True
         before = self._text.content
@@ -129,8 +168,9 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
             self.call_after_refresh(self._reveal, text)
 
     def _reveal(self, text: Text) -> None:
-        """Scroll until the chosen line can be seen: its style says so."""
-        chosen = next((span.start for span in text.spans if f"{span.style}" == CHOSEN), None)
+        """Scroll until the chosen line can be seen."""
+        styles = ((span.start, span.style) for span in text.spans)
+        chosen = next((at for at, one in styles if _is_chosen(one)), None)
         if chosen is not None:
             at, height = text.plain[:chosen].count("\n"), self.size.height
             if not self.scroll_y <= at < self.scroll_y + height - 1:
@@ -159,5 +199,5 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
             self.post_message(self.Chosen(line, twice=event.chain > 1))
 
 
-CHOSEN: Final = "reverse bold"
-"""The style of the chosen line of a page."""
+def _is_chosen(style: Style | str) -> bool:
+    return isinstance(style, Style) and bool(style.meta.get(CHOSEN))

@@ -158,9 +158,12 @@ class StatusLine(Static):
 
     def warn(self, text: str, topic: Hashable | None = None) -> None:
         """Show a warning until esc."""
-        self._warnings.pop(topic or text, None)
         self._warnings[topic or text] = printable(text)
         self._update()
+
+    def warns(self, topic: Hashable) -> bool:
+        """Whether the warning of a topic waits for esc."""
+        return topic in self._warnings
 
     def pin(self, topic: Hashable, text: str) -> None:
         """Show a state until it is forgotten."""

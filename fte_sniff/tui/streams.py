@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 import polars as pl
-from rich.style import Style
 from rich.text import Text
 
 from fte_sniff.analysis.filter.terms import quoted
@@ -25,8 +24,8 @@ from fte_sniff.i18n import _, later
 from fte_sniff.protocol import KINDS, Fault, FrameKind, Status, status_of
 from fte_sniff.protocol.rows import fault_bits
 from fte_sniff.tui.cells import event_words, short_kind, span_text, value_parts
-from fte_sniff.tui.pages import CHOSEN, LINE, Context, Page
-from fte_sniff.tui.painter import PLAIN
+from fte_sniff.tui.pages import Context, ListPage
+from fte_sniff.tui.painter import PLAIN, REVERSED
 
 MOST_ROWS: Final = 500_000
 """Rows of a file that are counted; `fte-sniff stats` counts all."""
@@ -129,28 +128,17 @@ def _count(value: int | None) -> str:
     return UNKNOWN if value is None else f"{value:,}"
 
 
-class StreamsPage(Page):
+class StreamsPage(ListPage[Stream]):
     """One table of what is on the wires."""
 
     NAME = "streams"
 
     def __init__(self) -> None:
-        self._streams: list[Stream] = []
+        super().__init__()
         self._table = EMPTY
         self._counted: tuple[object, ...] = ()
-        self.at = 0
 
-    @property
-    def chosen(self) -> Stream | None:
-        """The line to whose rows enter leads."""
-        return self._streams[self.at] if self.at < len(self._streams) else None
-
-    def move(self, by: int) -> bool:
-        """Choose the next line, or the one before."""
-        self.at = max(0, min(self.at + by, len(self._streams) - 1))
-        return bool(self._streams)
-
-    def titles(self, context: Context) -> Sequence[str]:
+    def title(self, context: Context) -> str:
         """Which rows are counted."""
         start, end = self._range(context)
         title = _("streams, last 10 s")
@@ -158,7 +146,7 @@ class StreamsPage(Page):
             title = _("streams in the span of the finding")
         elif not context.view.lives:
             title = _("streams, {count:,} rows", count=end - start)
-        return [f"{title}   {_('enter: its rows   J K: another')}", title]
+        return f"{title}   {_('enter: its rows   J K: another')}"
 
     @staticmethod
     def _range(context: Context) -> tuple[int, int]:
@@ -174,14 +162,12 @@ class StreamsPage(Page):
         several = len(context.view.store.ports) > 1
         columns = _fitting(width, several=several)
         lines = [Text(_line([_(column.head) for column, _w in columns], columns), palette.muted)]
-        for number, one in enumerate(self._streams):
+        for number, one in enumerate(self.listed):
             cells = [column.cell(one, cells) for column, cells in columns]
             wrong = palette.statuses[Status.MALFORMED] if one.unanswered else PLAIN
             raised = palette.raised if one.kind.raised(one.raw) else wrong
-            style: Style | str = CHOSEN if number == self.at else raised
-            line = Text(_line(cells, columns), style)
-            line.stylize(Style(meta={LINE: number}))
-            lines.append(line)
+            style = REVERSED if number == self.at else raised
+            lines.append(Text(_line(cells, columns), style + self.meta(number)))
         return Text("\n").join([*lines, Text(), *_port_lines(self._table, context)])
 
     def _count(self, context: Context) -> None:
@@ -197,8 +183,8 @@ class StreamsPage(Page):
             selected = np.zeros(len(rows), np.bool_)
             selected[view.shown.between(start, end) - start] = True
             table = replace(table, selected=selected)
-        self._table, self._streams = table, streams_in(table)
-        self.at = max(0, min(self.at, len(self._streams) - 1))
+        self._table, self.listed = table, streams_in(table)
+        self.choose(self.at)
 
 
 def _fitting(width: int, *, several: bool) -> list[tuple[_Column, int]]:

@@ -72,7 +72,10 @@ def motor_line(
     clock: Callable[[int], str],
     since_ns: int | None = None,
 ) -> Text:
-    """State, target and feedback, answers and since when, as far as there is room."""
+    """State, target and feedback, and answers and since when as far as there is room.
+
+    The time of the answers comes first where these are late.
+    """
     asked = state.answered + state.unanswered
     line = Text.assemble(
         f" {state.motor} ",
@@ -84,9 +87,12 @@ def motor_line(
     wrong = palette.statuses[Status.MALFORMED] if is_wrong else PLAIN
     delay = f"p99 {state.delay_p99_ns / 1e6:.1f} ms" if state.delay_p99_ns is not None else ""
     since = _("since {time}", time=clock(since_ns)) if since_ns is not None else ""
-    parts = [Text(padded(answers, 13), wrong), Text(since), Text(padded(delay, 11), palette.muted)]
+    shares, times = Text(padded(answers, 13), wrong), Text(padded(delay, 11), palette.muted)
+    parts = [shares, Text(since), times]
     if width >= line.cell_len + sum(part.cell_len + 2 for part in parts):
-        parts = [parts[0], parts[2], parts[1]]
+        parts = [shares, times, Text(since)]
+    elif state.trouble is Trouble.LATE:
+        parts = [Text(padded(delay, 13), style_of(state.trouble, palette)), Text(since)]
     for part in parts:
         if part and line.cell_len + 2 + part.cell_len <= width:
             line.append("  ").append_text(part)

@@ -96,6 +96,16 @@ def talk(
     return [replace(row, offset=10 * number) for number, row in enumerate(rows)]
 
 
+def after(seconds: float, rows: Sequence[Row]) -> list[Row]:
+    """The rows, some time later on their port."""
+    return [
+        replace(
+            row, t_ns=(row.t_ns or 0) + int(seconds * 1e9), offset=row.offset + int(seconds * 1e6)
+        )
+        for row in rows
+    ]
+
+
 @pytest.fixture(autouse=True)
 def folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Folders of the user in a temporary one; returns the cache."""

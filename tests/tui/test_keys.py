@@ -9,6 +9,7 @@ from fte_sniff.i18n import set_language
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.commands import COMMANDS, SECTIONS
 from fte_sniff.tui.help import PAGES, help_text
+from fte_sniff.tui.pages import text_of
 from tests.slow import crossed
 from tests.tui.conftest import ListFeed, lines, noise, page, play, press, speed_rows, talk, until
 
@@ -99,7 +100,7 @@ def test_the_footer_has_only_keys_that_work(feed: ListFeed) -> None:
 def test_help_has_all_keys_and_fits() -> None:
     set_language("en")
     for width in (40, 76, 100):
-        text = help_text(0, width).plain
+        text = text_of(help_text(0), width=width).plain
         assert max(map(len, text.splitlines())) <= width
     for _heading, commands in SECTIONS:
         for command in commands:

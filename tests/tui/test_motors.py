@@ -12,6 +12,7 @@ from fte_sniff.tui.options import StartOptions
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
+    after,
     lines,
     noise,
     page,
@@ -70,6 +71,35 @@ def test_a_line_has_target_feedback_answers_and_since_when(feed: ListFeed) -> No
     play(feed, scenario)
 
 
+def test_a_late_motor_has_the_time_of_its_answers(feed: ListFeed) -> None:
+    feed.give([*talk(21), *after(21, talk(4, delay_ms=14))])
+
+    async def scenario(app: SniffApp) -> None:
+        text = " ".join(strip(app)[2].split())
+        assert text.startswith("3 late speed 1000 → 998 RPM p99 14.0 ms since 12:00:")
+
+    play(feed, scenario)
+
+
+def test_the_line_of_a_finding_grows_with_it_and_goes_after_its_end(feed: ListFeed) -> None:
+    async def examine(app: SniffApp, rows: list[Row]) -> None:
+        feed.give(rows)
+        app._search_due_ns = 0
+        app.tick()
+        await app.workers.wait_for_complete()
+        await settle(app)
+
+    async def scenario(app: SniffApp) -> None:
+        await examine(app, talk(20, lost=3))
+        assert "! 12:00:00 - 12:00:19: motor 3 answered 666 of 999 commands" in page(app)
+        await examine(app, after(20, talk(10, lost=3)))
+        assert "! 12:00:00 - 12:00:29: motor 3 answered 999 of 1,500 commands" in page(app)
+        await examine(app, after(30, talk(30)))
+        assert "motor 3 answered" not in page(app)
+
+    play(feed, scenario)
+
+
 def test_a_low_terminal_has_one_line_for_all_motors(feed: ListFeed) -> None:
     feed.give(talk(11, lost=3))
 
@@ -83,14 +113,7 @@ def test_a_low_terminal_has_one_line_for_all_motors(feed: ListFeed) -> None:
 def file_with_trouble() -> ListFeed:
     """A minute, in which motor 3 leaves commands unanswered from second 20 to 30."""
     feed = ListFeed(live=False)
-    parts = [talk(20), talk(10, lost=3), talk(30)]
-    starts_ns = (0, 20_000_000_000, 30_000_000_000)
-    rows = [
-        replace(row, t_ns=(row.t_ns or 0) + start_ns)
-        for part, start_ns in zip(parts, starts_ns, strict=True)
-        for row in part
-    ]
-    feed.give([replace(row, offset=10 * number) for number, row in enumerate(rows)])
+    feed.give([*talk(20), *after(20, talk(10, lost=3)), *after(30, talk(30))])
     feed.end()
     return feed
 
