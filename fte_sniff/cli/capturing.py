@@ -6,7 +6,6 @@ The observers print plain lines or show the screen.
 from __future__ import annotations
 
 import re
-import shlex
 import signal
 import sys
 import time
@@ -14,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
-from glob import escape
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
@@ -379,16 +377,9 @@ def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -
         count = outcome.deleted_files
         files = "1 older file" if count == 1 else f"{count:,} older files"
         gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--max-size)"
-    print_err(f"recorded to {several}{last}{gone}")
     there = sum(path.exists() for path in recordings)
-    if there > 1:
-        print_err(f"{there} files; all of them: fte-sniff decode {_pattern(recordings[0])}")
-
-
-def _pattern(first: Path) -> str:
-    """A shell pattern that matches all files of a sequence."""
-    stem = first.stem.removesuffix("00001")
-    return shlex.quote(str(first.with_name(f"{escape(stem)}*{first.suffix}")))
+    files = f", {there} files" if there > 1 else ""
+    print_err(f"recorded to {several}{last}{files}{gone}")
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})

@@ -5,8 +5,9 @@
 A flush writes the rows that wait: when `RecordingOptions.flush_every_s` has passed or a view
 requests it, when `MOST_ROWS` rows wait, before a rotation, and at the end. Once a second it waits
 for the disk, too. Rows that were not flushed go into the next file.
-While no file can be made, rows are counted only, and the next file reports the gap. `keep_bytes`
-deletes the oldest files of the capture; each file reports the gaps of the files before it, too.
+While no file can be made, the newest `MOST_WAITING` rows wait for the next file; older ones are
+counted as a gap. `keep_bytes` deletes the oldest files of the capture; each file reports the gaps
+of the files before it, too.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, TranslatableText, size_text
+from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
 from fte_sniff.recording.metadata import (
@@ -34,10 +35,13 @@ from fte_sniff.recording.metadata import (
     gap_to_metadata,
 )
 from fte_sniff.recording.output_file import Existing, FileIdentity, delete
-from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions
+from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions, row_count
 
 RETRY_S: Final = 5.0
 """Seconds from a failure to the next attempt to record again."""
+
+MOST_WAITING: Final = 2**18
+"""Rows that wait while no file can be made: two minutes of two full lines, 20 MB."""
 
 DEFAULT_FREE_BYTES: Final = 1_000_000_000
 """Bytes to leave free on the disk, by default; at most half of what is free at the start."""
@@ -134,6 +138,8 @@ class Recorder:
         self._closed: list[_ClosedFile] = []
         self._gaps: list[Gap] = []
         """What could not be written; the last gap grows while there is no file."""
+        self._waiting: list[Entry] = []
+        """What waits while there is no file."""
         self._stopped: FileError | None = None
         self._changes: list[FileChange] = []
         self._due_s = -inf
@@ -178,8 +184,8 @@ class Recorder:
 
     @property
     def unflushed_rows(self) -> int:
-        """Rows that wait for the next flush."""
-        return 0 if self._writer is None else self._writer.unflushed_rows
+        """Rows that wait for the next flush, or the next file."""
+        return row_count(self._waiting) if self._writer is None else self._writer.unflushed_rows
 
     @property
     def size(self) -> int:
@@ -204,7 +210,7 @@ class Recorder:
         """Record rows, each port's in the order of its stream, and port events."""
         for entry in portions(entries):
             if self._writer is None:
-                self._miss([entry])
+                self._wait([entry])
                 continue
             self._writer.write(entry)
             if self._writer.unflushed_rows >= MOST_ROWS:
@@ -231,7 +237,7 @@ class Recorder:
         if writer is None:
             if time.monotonic() >= self._due_s:
                 self._due_s = time.monotonic() + RETRY_S
-                self._resume([])
+                self._resume()
             return
         try:
             writer.flush(waits=waits)
@@ -246,16 +252,17 @@ class Recorder:
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
+        if self._writer is None and self._waiting:
+            self._resume()
         for _ in range(2):  # another file may take what the first one refuses
-            writer = self._writer
-            if writer is None:
-                return
-            try:
-                writer.close()
-            except FileError as failure:
-                self._fail(writer, failure)
-            else:
-                self._writer = None
+            if (writer := self._writer) is not None:
+                try:
+                    writer.close()
+                    self._writer = None
+                except FileError as failure:
+                    self._fail(writer, failure)
+        self._miss(self._waiting)
+        self._waiting = []
 
     # Files
 
@@ -322,7 +329,7 @@ class Recorder:
 
     # Errors and gaps
 
-    def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
+    def _fail(self, writer: RecordingWriter, failure: FileError, reason: str = "") -> None:
         """Report that a file cannot be written any more, and try to go on with the next one."""
         self._writer = None
         self._put_away(writer)
@@ -330,15 +337,17 @@ class Recorder:
         is_full = isinstance(cause, OSError) and cause.errno in _FULL
         self._stopped = failure
         self._changes.append(FileChange(None, failure))
-        gap = Gap(GapKind.WRITE_ERROR, 0, reason=str(failure))
+        why = reason_of(cause) if isinstance(cause, OSError) else reason
+        gap = Gap(GapKind.WRITE_ERROR, 0, reason=why)
         if writer.is_gone and writer.span_ns is not None:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
         self._gaps.append(gap)
+        self._wait(writer.unflushed)
         may_try = time.monotonic() >= self._due_s
         if is_full and self._options.keep_bytes is not None:
             may_try = self._delete_oldest()
-        if not (may_try and self._resume(writer.unflushed)):
-            self._miss(writer.unflushed)
+        if may_try:
+            self._resume()
         self._due_s = time.monotonic() + RETRY_S
 
     def _stop(self, writer: RecordingWriter, limit: str) -> None:
@@ -353,34 +362,40 @@ class Recorder:
             path=writer.path,
             rows=writer.flushed_rows,
         )
-        self._fail(writer, failure)
+        self._fail(writer, failure, limit)
+
+    def _wait(self, entries: Iterable[Entry]) -> None:
+        """Store what waits for the next file; the oldest of too many rows are not recorded."""
+        self._waiting += entries if self._stopped is not None else ()
+        while row_count(self._waiting) > MOST_WAITING:
+            self._miss([self._waiting.pop(0)])
 
     def _miss(self, entries: Iterable[Entry]) -> None:
         """Count what is not recorded."""
-        for entry in entries if self._stopped is not None else ():
+        for entry in entries:
             gap = self._gaps[-1]
             if isinstance(entry, PortEvent):
                 self._gaps[-1] = gap.including(entry.t_ns, 0)
             elif (span_ns := entry.span_ns) is not None:
                 self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
 
-    def _resume(self, unflushed: Sequence[Entry]) -> bool:
-        """Go on in a new file that begins with these rows; False if that fails."""
+    def _resume(self) -> None:
+        """Go on in a new file that begins with what waits, unless that fails."""
         if self._limit_reached():
-            return False
+            return
         try:
             writer = self._next()
         except FileError:
-            return False
+            return
         try:
-            writer.write(*unflushed)
+            writer.write(*self._waiting)
             writer.flush()
         except FileError:
             self._drop(writer)
             self._number -= 1
-            return False
+            return
+        self._waiting = []
         self._go_on(writer)
-        return True
 
     # Space
 

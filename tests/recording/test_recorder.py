@@ -57,6 +57,12 @@ def free_space(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return found
 
 
+@pytest.fixture
+def nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No row waits for the next file."""
+    monkeypatch.setattr(recorder_module, "MOST_WAITING", 0)
+
+
 def files_in(folder: Path) -> list[Path]:
     return sorted(folder.glob("*.mcap"))
 
@@ -169,6 +175,7 @@ def test_a_file_of_somebody_else_is_not_deleted(tmp_path: Path) -> None:
     assert Recording(tmp_path / "mine").is_whole
 
 
+@pytest.mark.usefixtures("nothing_waits")
 def test_a_gap_is_reported_before_the_file_that_reports_it_is_deleted(
     tmp_path: Path, free_space: list[int]
 ) -> None:
@@ -191,6 +198,31 @@ def test_a_gap_is_reported_before_the_file_that_reports_it_is_deleted(
     assert all(gaps and all(gap[:4] == expected[:4] for gap in gaps) for gaps in seen)
 
 
+@pytest.mark.parametrize("most", [0, 7, 100])
+def test_rows_that_came_while_the_disk_was_full_are_in_the_next_file(
+    tmp_path: Path, free_space: list[int], monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    monkeypatch.setattr(recorder_module, "MOST_WAITING", most)
+    rows = some_rows(100)
+    recorder = Recorder(tmp_path / "x.mcap", [FIRST], options=RecordingOptions(min_free_bytes=9))
+    flush_each(recorder, rows[:40])
+    free_space.append(8)
+    recorder.flush()
+    for row in rows[40:60]:
+        recorder.write(Rows.of([row]))
+        recorder.flush()
+    free_space.append(9)
+    recorder.flush()
+    flush_each(recorder, rows[60:])
+    recorder.close()
+    lost = max(0, 20 - most)
+    assert all_rows(tmp_path) == rows[:40] + rows[40 + lost :]
+    assert (recorder.failure is None) == (lost == 0)
+    gaps = Recording(recorder.path).gaps()
+    assert [gap.rows for gap in gaps] == ([lost] if lost else [])
+
+
+@pytest.mark.usefixtures("nothing_waits")
 def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
     tmp_path: Path, free_space: list[int]
 ) -> None:
@@ -212,7 +244,8 @@ def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
     assert rows_in(path) + rows_in(following) == rows[:80] + rows[100:]
     (gap,) = Recording(following).gaps()
     assert gap[:2] == (GapKind.WRITE_ERROR, 20)
-    assert (gap.start_ns, gap.end_ns) == (EVENTS[1].t_ns, rows[99].t_ns)
+    assert (gap.start_ns, gap.end_ns) == (rows[80].t_ns, rows[99].t_ns)
+    assert [event.detail for event in events_in(following)] == [EVENTS[1].detail]
     assert "--min-free" in Recording(path).limit
     assert Recording(path).is_whole
     assert Recording(path).find_next() == following
@@ -247,7 +280,7 @@ def test_what_no_file_takes_is_counted(tmp_path: Path) -> None:
         recorder.close()
     assert rows_in(path) == rows[:40]
     assert str(recorder.failure).startswith("60 rows from 2026-")
-    assert "recording stopped: " in str(recorder.failure)
+    assert "recorded: File too large" in str(recorder.failure)
     assert files_in(tmp_path) == [path]
 
 
@@ -262,7 +295,7 @@ def test_rows_of_a_deleted_file_are_a_gap(tmp_path: Path) -> None:
     assert rows_in(following) == rows[40:]
     (gap,) = Recording(following).gaps()
     assert gap[:4] == (GapKind.WRITE_ERROR, 40, rows[0].t_ns, rows[39].t_ns)
-    assert "was deleted, moved, replaced or cut off while it" in gap.reason
+    assert "was deleted, moved, replaced or cut off" in gap.reason
 
 
 def test_a_capture_does_not_begin_on_a_full_disk(tmp_path: Path, free_space: list[int]) -> None:
