@@ -472,25 +472,20 @@ class PlainLines(Observer):
         """
         self._wanted = None if wanted is None else wanted.stream()
         self._alert = alert
-        self._writer = text_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
+        self._write = text_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""
         rows = update.rows
         if self._wanted is not None:
             rows = self._wanted.select(rows, update.changes)
-        self._writer.write(rows)
+        self._write(rows)
         rings = self._alert is not None and self._alert.observe(
             update.rows, time.monotonic(), update.events
         )
         if rings and sys.stderr.isatty():
             sys.stderr.write("\a")
             sys.stderr.flush()
-        sys.stdout.flush()
-
-    def ended(self, session: LiveSession) -> None:
-        """Write what the format requires at its end."""
-        self._writer.close()
         sys.stdout.flush()
 
 

@@ -37,16 +37,15 @@ def command(text: tuple[str, ...], form: str | None) -> None:
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
-    writer = (
+    write = (
         _dissection() if form is None else text_writer(OutputFormat(form), sys.stdout, ports=False)
     )
     notes: list[str] = []
     try:
         for rows in _rows_of(text, notes):
-            writer.write(rows)
+            write(rows)
     except InputTextError as error:
         raise _file_name_error(text) or error from error
-    writer.close()
     for note in notes:
         print_err(f"fte-sniff: {note}")
 

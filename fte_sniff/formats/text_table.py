@@ -1,16 +1,13 @@
-"""Rows as lines of a table, and explained byte by byte; plain and coloured.
-
-rich is not needed before a terminal is written to.
-"""
+"""Rows as lines of a table, and explained byte by byte; plain and coloured."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Iterable, Iterator
 from datetime import UTC, tzinfo
-from functools import cache
+from shutil import get_terminal_size
 from textwrap import wrap
-from typing import TYPE_CHECKING, TextIO
+from typing import Any, Final, TextIO
 
 import click
 
@@ -28,63 +25,53 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-
-GAP = "  "
-
-KIND_WIDTH = max(len(kind.name) for kind in KINDS)
-VALUES_WIDTH = max(
+GAP: Final = "  "
+_CLOCK: Final = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
+_OFFSET: Final = 9
+_PORT: Final = 14
+_KIND: Final = max(len(kind.name) for kind in KINDS)
+_VALUES: Final = max(
     len(" ".join(f"{field.name}={field.text(field.low)}" for field in kind.fields))
     for kind in KINDS
 )
-OFFSET_WIDTH = 9
-PORT_WIDTH = 14
-RAW_WIDTH = len(spaced_hex(bytes(FRAME_LENGTH)))
-_CLOCK = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
-_CLOCK_WIDTH = _CLOCK.stop - _CLOCK.start
-
-_WIDTHS = (PORT_WIDTH, OFFSET_WIDTH, 1, KIND_WIDTH, VALUES_WIDTH, RAW_WIDTH, 0)
-_SHORT_WIDTHS = (PORT_WIDTH, 1, KIND_WIDTH, 0)
+_RAW: Final = len(spaced_hex(bytes(FRAME_LENGTH)))
+_NAMES: Final = ("time", "port", "offset".rjust(_OFFSET), "", "kind", "values", "raw", "faults")
+_SHORT_WIDTHS: Final = (_CLOCK.stop - _CLOCK.start, _PORT, 1, _KIND, 0)
 
 
-@cache
-def _time_width(zone: tzinfo) -> int:
-    """The characters of every time in a zone."""
-    return len(iso_time(0, zone))
+class TableWriter:
+    """Writes one line a row with aligned columns.
 
-
-@dataclass(frozen=True, slots=True)
-class TextLayout:
-    """The cells of all lines of one output, padded to their widths; the last may be empty.
-
-    They are fixed: a new column of `COLUMNS` is not among them.
+    On a terminal, lines are coloured and cut at its right edge. There the times are short, and
+    faults precede the bytes, so that they stay in sight.
     """
 
-    times: bool
-    ports: bool
-    zone: tzinfo = UTC
-    """Zone of the times."""
+    def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
+        """Write to a stream; `ports` for a column with the port."""
+        self._stream, self._zone, self._is_short = stream, zone, stream.isatty()
+        self._hidden = set[int]() if ports else {1}
+        self._has_header = False
 
-    @property
-    def time_width(self) -> int:
-        """The characters of a time."""
-        return _time_width(self.zone)
+    def __call__(self, rows: Iterable[Row]) -> None:
+        """Write the rows; there is a time column if the first row has a time."""
+        for row in rows:
+            if not self._has_header:
+                self._has_header = True
+                if row.t_ns is None:
+                    self._hidden.add(0)
+                self._write(self._names(), bold=True)
+            self._write(self._short(row) if self._is_short else self._cells(row), **_style_of(row))
 
-    def header(self) -> list[str]:
-        """The names above the cells."""
-        offset = "offset".rjust(OFFSET_WIDTH)
-        names = ("time", "port", offset, "", "kind", "values", "raw", "faults")
-        return self._padded((self.time_width, *_WIDTHS), *names)
+    def _names(self) -> tuple[str, ...]:
+        if self._is_short:
+            return ("time UTC" if self._zone == UTC else "local time", "port", "", "kind", "values")
+        return _NAMES
 
-    def cells(self, row: Row) -> list[str]:
-        """The cells of a row."""
-        return self._padded(
-            (self.time_width, *_WIDTHS),
-            "-" if row.t_ns is None else iso_time(row.t_ns, self.zone),
+    def _cells(self, row: Row) -> tuple[str, ...]:
+        return (
+            "-" if row.t_ns is None else iso_time(row.t_ns, self._zone),
             printable(row.port),
-            str(row.offset).rjust(OFFSET_WIDTH),
+            str(row.offset).rjust(_OFFSET),
             mark_of(row),
             kind_text(row),
             values_text(row),
@@ -92,29 +79,35 @@ class TextLayout:
             faults_text(row.faults),
         )
 
-    def short_header(self) -> list[str]:
-        """The names above the cells for a terminal."""
-        time = "time UTC" if self.zone == UTC else "local time"
-        return self._padded((_CLOCK_WIDTH, *_SHORT_WIDTHS), time, "port", "", "kind", "values")
-
-    def short_cells(self, row: Row) -> list[str]:
-        """The cells of a row for a terminal: no offset, and the faults before the bytes."""
+    def _short(self, row: Row) -> tuple[str, ...]:
         kind, faults, raw = kind_text(row), faults_text(row.faults), spaced_hex(row.raw)
         text = GAP.join(filter(None, (values_text(row), faults, raw)))
         if not row.framed:
             kind, text = faults, raw
-        clock = "" if row.t_ns is None else iso_time(row.t_ns, self.zone)[_CLOCK]
-        port = printable(row.port)[-PORT_WIDTH:]
-        cells = (clock, port, mark_of(row), kind, text)
-        return self._padded((_CLOCK_WIDTH, *_SHORT_WIDTHS), *cells)
+        clock = "" if row.t_ns is None else iso_time(row.t_ns, self._zone)[_CLOCK]
+        return clock, printable(row.port)[-_PORT:], mark_of(row), kind, text
 
-    def _padded(self, widths: tuple[int, ...], *cells: str) -> list[str]:
-        padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
-        if not self.ports:
-            del padded[1]
-        if not self.times:
-            del padded[0]
-        return padded
+    def _write(self, cells: tuple[str, ...], **style: Any) -> None:
+        full = (len(iso_time(0, self._zone)), _PORT, _OFFSET, 1, _KIND, _VALUES, _RAW, 0)
+        widths = _SHORT_WIDTHS if self._is_short else full
+        padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+        shown = (cell for at, cell in enumerate(padded) if at not in self._hidden)
+        line = GAP.join(shown).rstrip()
+        if self._is_short:
+            from fte_sniff.formats.cell_text import fit
+
+            line = fit(line, get_terminal_size().columns).rstrip()
+            line = line if os.environ.get("NO_COLOR") else click.style(line, **style)
+        self._stream.write(f"{line}\n")
+
+
+def _style_of(row: Row) -> dict[str, Any]:
+    look, kind = LOOKS[row.status], row.kind
+    if row.status is not Status.OK:
+        return {"fg": look.color, "bold": look.bold}
+    if kind is None or not kind.fields:
+        return {"fg": "magenta", "bold": True}
+    return {"fg": "cyan"} if kind.direction == "control" else {}
 
 
 def kind_text(row: Row) -> str:
@@ -133,79 +126,6 @@ def values_text(row: Row) -> str:
     return " ".join(f"{field.name}={field.text(field.read(row.raw))}" for field in kind.fields)
 
 
-class PlainWriter:
-    """Writes one plain line a row with aligned columns, for pipes and files."""
-
-    def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
-        self._stream = stream
-        self._ports, self._zone = ports, zone
-        self._layout: TextLayout | None = None
-
-    def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows; there is a time column if the first row has a time."""
-        if rows:
-            cells = self._begin(times=rows[0].t_ns is not None).cells
-            self._stream.writelines(_joined(cells(row)) for row in rows)
-
-    def _begin(self, *, times: bool) -> TextLayout:
-        if self._layout is None:
-            self._layout = TextLayout(times=times, ports=self._ports, zone=self._zone)
-            self._stream.write(_joined(self._layout.header()))
-        return self._layout
-
-    def close(self) -> None:
-        """Do nothing: all rows are written."""
-
-
-def _joined(cells: Iterable[str]) -> str:
-    return GAP.join(cells).rstrip() + "\n"
-
-
-class RichWriter:
-    """Writes one coloured line a row, cut at the terminal's right edge.
-
-    The times are short, and faults precede the bytes, so that they stay in sight.
-    """
-
-    def __init__(self, console: Console, *, ports: bool, zone: tzinfo = UTC) -> None:
-        self._console = console
-        self._ports, self._zone = ports, zone
-        self._layout: TextLayout | None = None
-
-    def write(self, rows: Sequence[Row]) -> None:
-        """Write the rows; there is a time column if the first row has a time."""
-        for row in rows:
-            if self._layout is None:
-                times = row.t_ns is not None
-                self._layout = TextLayout(times=times, ports=self._ports, zone=self._zone)
-                self._print(self._layout.short_header(), "bold")
-            self._print(self._layout.short_cells(row), _style_of(row))
-
-    def close(self) -> None:
-        """Do nothing: all rows are written."""
-
-    def _print(self, cells: Iterable[str], style: str) -> None:
-        self._console.print(
-            GAP.join(cells).rstrip(),
-            style=style,
-            markup=False,
-            highlight=False,
-            emoji=False,
-            no_wrap=True,
-            overflow="ellipsis",
-            crop=True,
-        )
-
-
-def _style_of(row: Row) -> str:
-    if row.status is not Status.OK:
-        return LOOKS[row.status].style
-    kind = row.kind
-    if kind is None or not kind.fields:
-        return "bold magenta"
-    return "cyan" if kind.direction == "control" else "default"
-
-
 _OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
 _BYTES_A_LINE = 6
 _LEAST_WRAP = 20
@@ -221,7 +141,7 @@ class DissectionWriter:
         self._colored = colored
         self._has_rows = False
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def __call__(self, rows: Iterable[Row]) -> None:
         """Write the rows."""
         for row in rows:
             if self._has_rows:
@@ -229,9 +149,6 @@ class DissectionWriter:
             self._has_rows = True
             for line in _row_lines(row, self._width):
                 self._stream.write((line if self._colored else click.unstyle(line)) + "\n")
-
-    def close(self) -> None:
-        """Do nothing: all rows are written."""
 
 
 def _row_lines(row: Row, width: int | None) -> Iterator[str]:

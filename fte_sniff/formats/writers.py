@@ -1,4 +1,4 @@
-"""Output formats, and the writers of CSV, JSONL and hex.
+"""Output formats, and the writers of CSV, JSON lines and hex.
 
 CSV and JSON lines are written from DataFrames: whole columns at once.
 """
@@ -10,9 +10,10 @@ import re
 from collections.abc import Callable, Sequence
 from datetime import UTC, tzinfo
 from enum import StrEnum
+from functools import partial
 from io import BytesIO, TextIOWrapper
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Protocol, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
 
 from fte_sniff.protocol import COLUMN_BY_NAME, Rows, spaced_hex
 
@@ -52,15 +53,8 @@ FORMAT_BY_SUFFIX: Final = MappingProxyType(
 """By file name suffix, in lower case."""
 
 
-class RowWriter(Protocol):
-    """Writes rows to a text stream, which stays open."""
-
-    def write(self, rows: Rows) -> None:
-        """Write the rows."""
-
-    def close(self) -> None:
-        """Write what the format requires at its end."""
-
+RowWriter: TypeAlias = Callable[[Rows], None]
+"""Writes rows to a text stream, which stays open."""
 
 FrameOf: TypeAlias = "Callable[[Rows], pl.DataFrame]"
 """Makes a DataFrame with the columns of the row contract."""
@@ -91,45 +85,52 @@ def row_writer(
         columns: those of `CHOOSABLE` formats.
         zone: that of the times in a table or CSV; JSON lines have UTC.
     """
-    if form is OutputFormat.JSONL:
-        return JsonlWriter(stream, frame_of, columns)
-    if form is OutputFormat.CSV:
-        return CsvWriter(stream, frame_of, columns, zone)
-    if form is OutputFormat.HEX:
-        return HexWriter(stream)
-    from fte_sniff.formats.text_table import PlainWriter, RichWriter
+    match form:
+        case OutputFormat.JSONL:
+            return partial(_write_jsonl, stream, frame_of, columns)
+        case OutputFormat.CSV:
+            stream.write(",".join(columns) + "\n")
+            return partial(_write_csv, stream, frame_of, columns, zone)
+        case OutputFormat.HEX:
+            return lambda rows: stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
+    from fte_sniff.formats.text_table import TableWriter
 
-    if not stream.isatty():
-        return PlainWriter(stream, ports=ports, zone=zone)
-    from rich.console import Console
-
-    return RichWriter(Console(file=stream), ports=ports, zone=zone)
+    return TableWriter(stream, ports=ports, zone=zone)
 
 
-class JsonlWriter:
-    """Writes one JSON object a row; `time` as ISO 8601 with nine digits."""
+def _write_jsonl(stream: TextIO, frame_of: FrameOf, columns: Sequence[str], rows: Rows) -> None:
+    """Write one JSON object a row; `time` as ISO 8601 with nine digits."""
+    if not len(rows):
+        return
+    from fte_sniff.formats.column_text import time_texts
 
-    def __init__(self, stream: TextIO, frame_of: FrameOf, columns: Sequence[str]) -> None:
-        self._stream, self._frame_of, self._columns = stream, frame_of, columns
+    frame, lines = frame_of(rows), BytesIO()
+    texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
+    texts.select(columns).write_ndjson(lines)
+    data = lines.getvalue()
+    if data.isascii() and isinstance(stream, TextIOWrapper):
+        stream.flush()
+        stream.buffer.write(data)  # the bytes that polars wrote, as they are
+    else:
+        stream.write(printable_json(data.decode()))
 
-    def write(self, rows: Rows) -> None:
-        """Write the rows."""
-        if not len(rows):
-            return
-        from fte_sniff.formats.column_text import time_texts
 
-        frame, lines = self._frame_of(rows), BytesIO()
-        texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
-        texts.select(self._columns).write_ndjson(lines)
-        data = lines.getvalue()
-        if data.isascii() and isinstance(self._stream, TextIOWrapper):
-            self._stream.flush()
-            self._stream.buffer.write(data)  # the bytes that polars wrote, as they are
-        else:
-            self._stream.write(printable_json(data.decode()))
+def _write_csv(
+    stream: TextIO, frame_of: FrameOf, columns: Sequence[str], zone: tzinfo, rows: Rows
+) -> None:
+    """Write CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
+    if not len(rows):
+        return
+    from fte_sniff.formats.column_text import faults_texts, printable_texts, time_texts
 
-    def close(self) -> None:
-        """Do nothing: all rows are written."""
+    frame = frame_of(rows)
+    texts = frame.with_columns(
+        time=time_texts(frame["time"], zone),
+        port=printable_texts(frame["port"]),
+        faults=faults_texts(frame["faults"]),
+    )
+    chosen = texts.select(columns)
+    stream.write(chosen.write_csv(include_header=False, line_terminator="\n"))
 
 
 def json_text(value: object) -> str:
@@ -149,49 +150,3 @@ def _escaped(found: re.Match[str]) -> str:
     if found[0].isprintable():
         return found[0]
     return "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in found[0])
-
-
-class CsvWriter:
-    """Writes CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
-
-    def __init__(
-        self, stream: TextIO, frame_of: FrameOf, columns: Sequence[str], zone: tzinfo
-    ) -> None:
-        self._stream, self._frame_of = stream, frame_of
-        self._columns, self._zone = columns, zone
-        self._header = ",".join(columns) + "\n"
-
-    def write(self, rows: Rows) -> None:
-        """Write the rows, after the header."""
-        if not len(rows):
-            return
-        from fte_sniff.formats.column_text import faults_texts, printable_texts, time_texts
-
-        self.close()
-        frame = self._frame_of(rows)
-        texts = frame.with_columns(
-            time=time_texts(frame["time"], self._zone),
-            port=printable_texts(frame["port"]),
-            faults=faults_texts(frame["faults"]),
-        )
-        chosen = texts.select(self._columns)
-        self._stream.write(chosen.write_csv(include_header=False, line_terminator="\n"))
-
-    def close(self) -> None:
-        """Write the header if there were no rows."""
-        self._stream.write(self._header)
-        self._header = ""
-
-
-class HexWriter:
-    """Writes the bytes of each row as hex: `AA 01 01 03 E8 00 00 00 00 EE`."""
-
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
-
-    def write(self, rows: Rows) -> None:
-        """Write the bytes of the rows."""
-        self._stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
-
-    def close(self) -> None:
-        """Do nothing: all rows are written."""

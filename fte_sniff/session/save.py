@@ -125,7 +125,7 @@ class _TextSink:
             if path is None
             else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
         )
-        self._writer = text_writer(
+        self._write = text_writer(
             form,
             self._stream,
             ports=len(source.ports) > 1,
@@ -136,16 +136,15 @@ class _TextSink:
     def write(self, item: Item) -> None:
         if isinstance(item, Rows):
             for start in range(0, len(item), _AT_ONCE):
-                self._writer.write(item[start : start + _AT_ONCE])
+                self._write(item[start : start + _AT_ONCE])
             self._stream.flush()
 
     def close(self) -> None:
-        self._writer.close()
-        self.abandon()
-
-    def abandon(self) -> None:
+        """See `Sink`."""
         if self._stream is not sys.stdout:
             self._stream.close()
+
+    abandon = close
 
 
 class _BytesSink:

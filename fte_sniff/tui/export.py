@@ -14,7 +14,7 @@ from typing import Final
 from platformdirs import user_cache_path
 
 from fte_sniff.errors import FileError, FteSniffError, reason_of
-from fte_sniff.formats.text_table import PlainWriter
+from fte_sniff.formats.text_table import TableWriter
 from fte_sniff.i18n import _, error_text, later
 from fte_sniff.protocol import spaced_hex
 from fte_sniff.protocol.rows import Rows
@@ -83,7 +83,7 @@ class Export:
         if rows is not None:
             stream, zone = StringIO(), self._table.look.shown_zone
             several = len(self._view.store.ports) > 1
-            PlainWriter(stream, ports=several, zone=zone).write(rows)
+            TableWriter(stream, ports=several, zone=zone)(rows)
             text = stream.getvalue()
             if len(rows) == 1:
                 # A single row needs neither columns nor their names.
