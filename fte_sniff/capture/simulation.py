@@ -13,11 +13,12 @@ receives every command; faults affect only the listener.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from random import Random
 from typing import Any, TypeAlias
 from urllib.parse import parse_qsl
@@ -313,6 +314,9 @@ def _drives(rng: Random) -> Iterator[Step]:
 
 # The line: faults, parameters, bytes with times
 
+WEAK_DROP = WEAK_LATE = 0.2
+"""Share of the weak motor's answers that are lost, and that are late."""
+
 LATE_S = 0.06
 """How much later than usual a late answer of the weak motor is sent, seconds."""
 
@@ -335,9 +339,9 @@ class Faults:
             offset, bit = divmod(_below(self._flip_dice, len(raw) * 8), 8)
             raw = raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
         if self._drop_dice.random() < self._drop:
-            count = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
-            first = _below(self._drop_dice, len(raw) - count + 1)
-            raw = raw[:first] + raw[first + count :]
+            size = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
+            first = _below(self._drop_dice, len(raw) - size + 1)
+            raw = raw[:first] + raw[first + size :]
         return raw
 
     def noise(self) -> bytes:
@@ -373,27 +377,13 @@ class Parameter:
         low, high = (f"{bound:.15g}" for bound in (self.low, self.high))
         return f"{whole}>= {low}" if math.isinf(self.high) else f"{whole}{low}..{high}"
 
-    def read(self, text: str) -> int | float | str:
-        """Parse `text`; raises PortError if it is not a legal value."""
-        try:
-            value = type(self.default)(text)
-        except ValueError:
-            raise self._refusal(text) from None
-        self.check(value)
-        return value
-
-    def check(self, value: object) -> None:
-        """Raise PortError with the legal range if `value` is not legal."""
-        if self.words:
-            legal = value in self.words
-        else:
-            types = int if isinstance(self.default, int) else (int, float)
-            legal = isinstance(value, types) and self.low <= value <= self.high
-        if not legal:
-            raise self._refusal(value)
-
-    def _refusal(self, value: object) -> PortError:
-        return PortError(f"sim:// cannot take {self.name}={value!s:.40}: it is {self.range_text}")
+    def read(self, text: str) -> Any:
+        """Parse `text`; raises PortError with the legal range if it is not a legal value."""
+        with suppress(ValueError):
+            value: Any = type(self.default)(text)
+            if value in self.words if self.words else self.low <= value <= self.high:
+                return value
+        raise PortError(f"sim:// cannot take {self.name}={text:.40}: it is {self.range_text}")
 
 
 def _parameter(default: float | str, meaning: str, **limits: Any) -> Any:
@@ -418,33 +408,19 @@ class SimulationParameters:
     weak_motor: int = _parameter(
         0, "the motor that loses and delays answers; 0 is none", high=max(MOTORS)
     )
-    weak_drop: float = _parameter(0.2, "share of the weak motor's answers that are lost", high=1)
-    weak_late: float = _parameter(
-        0.2, f"share of the weak motor's answers that come {LATE_S * 1000:g} ms late", high=1
-    )
 
     def __post_init__(self) -> None:
         for parameter in PARAMETERS:
-            parameter.check(getattr(self, parameter.name))
-
-    @property
-    def is_silent(self) -> bool:
-        """True if no byte is ever sent: only the host is captured, and there is none."""
-        return self.wire == Direction.CONTROL and self.host == "off"
+            parameter.read(str(getattr(self, parameter.name)))
 
     def check_against(self, baud: int) -> None:
         """Raise PortError if a line of `baud` bits per second cannot carry the rate."""
-        most = max_frames_per_s(baud)
+        most = round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
         if self.rate > most:
             raise PortError(
                 f"sim:// cannot take rate={self.rate:g}: a line of {baud} baud carries at most "
                 f"{most} frames/s; ask for less, or for more with --baud"
             )
-
-
-def max_frames_per_s(baud: int) -> int:
-    """Capacity of one wire of `baud` bits per second, frames per second."""
-    return round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
 
 
 PARAMETERS: tuple[Parameter, ...] = tuple(
@@ -458,13 +434,9 @@ def parse_parameters(query: str) -> SimulationParameters:
     by_name = {parameter.name: parameter for parameter in PARAMETERS}
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query, keep_blank_values=True):
-        if name not in by_name:
-            near = difflib.get_close_matches(name, by_name, 1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            known = ", ".join(by_name)
-            raise PortError(f"sim:// has no parameter {name!r:.40}: {hint}it has {known}")
-        if name in values:
-            raise PortError(f"sim:// is given {name} twice: give it once")
+        if name not in by_name or name in values:
+            what = "is given twice" if name in values else "is not one of its parameters"
+            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(by_name)}")
         values[name] = by_name[name].read(text)
     return SimulationParameters(**values)
 
@@ -505,29 +477,25 @@ class Simulation:
         """When the late answers begin, and their frames."""
         self._byte_ns = byte_time_ns(baud)
         self._free_at_ns = 0
-        self._items = self._run()
 
     def __iter__(self) -> Iterator[TimedBytes]:
-        return self
+        return (item for item in self.slots() if item.data)
 
-    def __next__(self) -> TimedBytes:
-        return next(self._items)
-
-    def _run(self) -> Iterator[TimedBytes]:
-        if self.parameters.is_silent:
-            return
-        slot = received = 0
-        slot_ns = 1_000_000_000 / self.parameters.rate
+    def slots(self) -> Iterator[TimedBytes]:
+        """The received bytes; an item without bytes for each slot in which nothing comes."""
+        received, slot_ns = 0, 1_000_000_000 / self.parameters.rate
         jitter_ns = min(max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns), _MOST_JITTER_NS)
-        while True:
+        for slot in count():
             sent = self._frame_in(slot)
             begins_ns = int(slot * slot_ns + self._jitter_dice.random() * jitter_ns)
-            for frame_ns, frame in self._on_wire(slot, begins_ns, sent):
+            frames = [*self._on_wire(slot, begins_ns, sent)]
+            if not frames:
+                yield TimedBytes(begins_ns, begins_ns, b"", b"")
+            for frame_ns, frame in frames:
                 yield from self._received(frame, frame_ns)
                 received += 1
                 if received == self.parameters.frames:
                     return
-            slot += 1
 
     def _on_wire(
         self, slot: int, begins_ns: int, sent: bytes | None
@@ -538,9 +506,9 @@ class Simulation:
         weak = self.parameters.weak_motor
         if sent is not None and weak and slot % (1 + len(MOTORS)) == weak:
             fate = self._weak_dice.random()
-            if fate < self.parameters.weak_drop:
+            if fate < WEAK_DROP:
                 return
-            if fate < self.parameters.weak_drop + self.parameters.weak_late:
+            if fate < WEAK_DROP + WEAK_LATE:
                 self._late.append((begins_ns + int(LATE_S * 1e9), sent))
                 return
         if sent is not None:

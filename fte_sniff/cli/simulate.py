@@ -19,17 +19,15 @@ from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FileError, PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
 
-_DEFAULTS = {"host": "off", "wire": Direction.FEEDBACK.value}
-"""Other defaults than `sim://`: here the host is the program that is being developed."""
+_FIXED = {"host": "off", "wire": Direction.FEEDBACK.value}
+"""The host is the program that is being developed, and receives feedback only."""
 
 
 def _option(parameter: Parameter) -> click.Option:
     return click.Option(
         [f"--{parameter.name.replace('_', '-')}"],
-        type=click.Choice([str(word) for word in parameter.words])
-        if parameter.words
-        else type(parameter.default),
-        default=_DEFAULTS.get(parameter.name, parameter.default),
+        type=type(parameter.default),
+        default=parameter.default,
         show_default=True,
         help=f"{parameter.meaning} ({parameter.range_text})",
     )
@@ -52,13 +50,8 @@ def _run(
     from fte_sniff.capture.bridge import open_simulated
 
     try:
-        simulated = SimulationParameters(**parameters)
+        simulated = SimulationParameters(**(parameters | _FIXED))
         simulated.check_against(baud)
-        if simulated.is_silent:
-            raise UsageError(
-                "--wire control needs a host, or no byte is sent: add --host on, or leave out "
-                "--wire"
-            )
     except PortError as error:
         raise UsageError(str(error).replace("sim://", "simulate")) from error
     with open_simulated(simulated, baud, link) as bridge, ending_signals(bridge.stop):
@@ -127,7 +120,7 @@ command = click.Command(
             type=click.FloatRange(0.01, 1000),
             help="With --replay: how fast.  [default: 1]",
         ),
-        *map(_option, PARAMETERS),
+        *(_option(parameter) for parameter in PARAMETERS if parameter.name not in _FIXED),
     ],
     short_help="A controller on a pseudo-terminal, to develop against.",
     help="Simulate a controller on a pseudo-terminal, for a host program to open.\n\n"

@@ -4,23 +4,19 @@ import itertools
 from random import Random
 from urllib.parse import urlencode
 
-import click
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import (
     ACCELERATION_RPM_S,
-    PARAMETERS,
     Controller,
     Motor,
     Simulation,
     SimulationParameters,
-    max_frames_per_s,
     parse_parameters,
     wheel_speeds,
 )
-from fte_sniff.cli import simulate as simulate_command
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import (
     KIND_BY_NAME,
@@ -142,14 +138,13 @@ def test_what_is_written_into_a_url_is_read_out_of_it(parameters):
 @pytest.mark.parametrize(
     ("query", "reported"),
     [
-        ("sed=1", ["'sed'", "did you mean seed?", "rate", "frames"]),
         ("zzz=1", ["'zzz'", "it has seed, rate"]),
         ("seed=x", ["seed=x", "whole number >= 0"]),
         ("seed=-1", ["seed=-1", ">= 0"]),
         ("seed=1.5", ["seed=1.5", "whole number"]),
         ("seed=", ["seed="]),
         ("seed", ["seed="]),
-        ("seed=1&seed=2", ["seed twice"]),
+        ("seed=1&seed=2", ["'seed' is given twice"]),
         ("drop=1.01", ["drop=1.01", "0..1"]),
         ("flip=-0.1", ["flip=-0.1", "0..1"]),
         ("noise=nan", ["noise=nan", "0..1"]),
@@ -176,19 +171,6 @@ def test_a_rate_that_the_line_cannot_carry_is_refused(baud, most):
     next(iter(Simulation(SimulationParameters(rate=most), baud)))
     with pytest.raises(PortError, match=f"at most {most} frames/s"):
         Simulation(SimulationParameters(rate=most + 1), baud)
-
-
-def test_the_help_names_every_parameter_with_its_range_and_default():
-    program = simulate_command.command
-    text = "".join(program.get_help(click.Context(program)).split())
-    for parameter in PARAMETERS:
-        default = simulate_command._DEFAULTS.get(parameter.name, parameter.default)
-        range_text = parameter.range_text.replace(" ", "")
-        start = text.index(f"--{parameter.name.replace('_', '-')}")
-        end = text.index("[default:", start)
-        assert f"({range_text})" in text[start:end]
-        assert text[end:].startswith(f"[default:{default}]")
-    assert max_frames_per_s(115_200) == 1152
 
 
 STEP_S = 0.002
@@ -300,12 +282,12 @@ def test_weak_motor_loses_and_delays_its_answers_and_no_other_does():
             found[item.sent[2]].append(item.begins_ns)
         return found
 
-    weak = answers(weak_motor=3, weak_drop=0.25, weak_late=0.25)
+    weak = answers(weak_motor=3)
     usual = answers()
     sent = len(weak[1])
     assert all(sent - 200 <= len(weak[motor]) <= sent + 200 for motor in (1, 2, 4))
-    assert 0.7 * sent < len(weak[3]) < 0.8 * sent
+    assert 0.75 * sent < len(weak[3]) < 0.85 * sent
     # A late answer is far from the slot of its motor, 25 ms apart.
     slots = {begins_ns // 5_000_000 % 5 for begins_ns in usual[3]}
     late = [begins_ns for begins_ns in weak[3] if begins_ns // 5_000_000 % 5 not in slots]
-    assert 0.28 < len(late) / len(weak[3]) < 0.4
+    assert 0.2 < len(late) / len(weak[3]) < 0.33

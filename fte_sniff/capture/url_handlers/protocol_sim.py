@@ -23,22 +23,14 @@ from fte_sniff.capture.simulation import (
     parse_parameters,
 )
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Chunk, Framer
+from fte_sniff.protocol import FRAME_LENGTH, Row
+from fte_sniff.protocol.spec import TAIL
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-_SCHEME = "sim"
-
-_SILENCE_NS = 100_000_000
-"""How long after a write silence is fed to the framer, so that it holds back no command."""
-
 _MOST_ARRIVED = 65_536
 """Bytes that wait at most: a simulation slower than its line falls behind, and stays readable."""
-
-_NEVER_NS = 2**62
-_NOTHING = TimedBytes(_NEVER_NS, _NEVER_NS, b"", b"")
-"""The next item of a line that is silent for ever: the port is not unplugged."""
 
 
 def parameters_of_url(url: str) -> SimulationParameters:
@@ -69,11 +61,10 @@ class SimSerial(SerialBase):
         # A bridge reads and writes it from two threads.
         self._lock = threading.Lock()
         self._arrived = bytearray()
-        self._silence_until_ns = 0
-        self._commands = Framer(_SCHEME, self.baudrate)
+        self._written = bytearray()
         self._started_ns = time.monotonic_ns()
-        silent = self._simulation.parameters.is_silent
-        self._coming = _NOTHING if silent else next(self._simulation, None)
+        self._slots = self._simulation.slots()
+        self._coming = next(self._slots, None)
         self.is_open = True
 
     def close(self) -> None:
@@ -106,13 +97,11 @@ class SimSerial(SerialBase):
 
     def write(self, data: Buffer, /) -> int:
         """Send bytes to the simulated controller, which obeys the control frames in them."""
-        commands = bytes(data)
         with self._lock:
             self._advance()
-            now_ns = self._elapsed_ns()
-            self._silence_until_ns = now_ns + _SILENCE_NS
-            self._obey(now_ns, commands)
-        return len(commands)
+            self._written += bytes(data)
+            self._obey()
+        return len(bytes(data))
 
     # pyserial calls these when a setting changes.
 
@@ -151,17 +140,18 @@ class SimSerial(SerialBase):
             and len(self._arrived) < _MOST_ARRIVED
         ):
             self._arrived += self._coming.data
-            self._coming = next(self._simulation, None) if self._simulation else None
-        if elapsed_ns < self._silence_until_ns:
-            self._obey(elapsed_ns, b"")
+            self._coming = next(self._slots, None)
         if self._coming is None and not self._arrived:
             raise SerialException("the simulated port is unplugged: all its frames were sent")
 
-    def _obey(self, now_ns: int, written: bytes) -> None:
-        self._commands.push(Chunk(_SCHEME, now_ns, written))
-        for row in self._commands.drain():
-            if self._simulation and row.kind and not row.faults:
+    def _obey(self) -> None:
+        """Execute the whole frames that were written; skip bytes before them."""
+        while len(self._written) >= FRAME_LENGTH:
+            row = Row("", 0, bytes(self._written[:FRAME_LENGTH]), None)
+            is_frame = row.kind is not None and row.raw[-1] == TAIL
+            if self._simulation and row.kind and is_frame:
                 self._simulation.controller.obey(row.kind, row.values)
+            del self._written[: FRAME_LENGTH if is_frame else 1]
 
 
 Serial = SimSerial
