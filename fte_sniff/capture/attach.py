@@ -41,7 +41,7 @@ _UNSHOWN: Final = ("sendfile", "splice")
 """Calls whose bytes strace does not print."""
 
 LONGEST_PART: Final = 2**20
-"""Bytes of each buffer of a system call that strace prints; those beyond are counted as lost."""
+"""Bytes of each buffer of a system call that strace prints; what follows is counted as lost."""
 
 _STEP_S: Final = 0.01
 _SETTLED_NS: Final = 50_000_000
@@ -62,8 +62,9 @@ LIMITS: Final = TranslatableText(
 class Call:
     """One system call of the target that moved bytes."""
 
-    parts: tuple[tuple[bytes, int], ...]
-    """The bytes of each buffer, and how many follow them that strace did not print."""
+    data: bytes
+    missing: int
+    """The number of bytes behind `data` that strace did not print."""
     written: bool
     """Whether the target wrote the bytes; otherwise it read them."""
     start_ns: int
@@ -76,7 +77,7 @@ _CALL = re.compile(
     r"(?:\d+ +)?(?P<time>\d+\.\d+) (?P<name>\w+)\((?P<arguments>.*)\) += (?P<result>\d+)"
     r"(?: .*?)?? <(?P<took>[\d.]+)>"
 )
-_PART = re.compile(r'"((?:\\x[0-9a-f]{2})*)"(?:\.\.\.)?(?:, iov_len=(\d+))?')
+_PART = re.compile(r'"((?:\\x[0-9a-f]{2})*)"')
 _NO_CALL = re.compile(r"(?:\d+ +)?\d+\.\d+ (?:\+\+\+|---|strace:).*")
 
 
@@ -100,19 +101,10 @@ def call_of(line: str, device: str) -> Call | None:
         is_first = arguments.partition("<")[2].startswith(f"{printed}>")
         written = is_first is (name == "sendfile")
     start_ns = _ns(found["time"])
-    parts = tuple(_parts(arguments, count))
-    return Call(parts, written, start_ns, start_ns + _ns(found["took"]), name)
-
-
-def _parts(arguments: str, count: int) -> Iterator[tuple[bytes, int]]:
-    """The buffers that `count` bytes were moved from or to, as in `Call.parts`."""
-    found = [
-        (bytes.fromhex(text.replace("\\x", "")), size) for text, size in _PART.findall(arguments)
-    ]
-    for data, size in found or [(b"", "")]:
-        held = min(count, int(size)) if size else count
-        yield data[:held], held - len(data[:held])
-        count -= held
+    shown = _PART.findall(arguments.partition('"...')[0] + '"')  # up to the first that is cut
+    data = bytes.fromhex("".join(shown).replace("\\x", ""))[:count]
+    end_ns = start_ns + _ns(found["took"])
+    return Call(data, count - len(data), written, start_ns, end_ns, name)
 
 
 def _ns(seconds: str) -> int:
@@ -209,7 +201,7 @@ class CallReader:
         if not data:
             # A call that ended by then has been read, also where this program was held up since.
             for name in self._names:
-                yield self._chunk(name, before_ns - _SETTLED_NS, b"")
+                yield Chunk(name, before_ns - _SETTLED_NS, b"")
             yield from self._followed()
 
     def finish(self) -> None:
@@ -248,19 +240,14 @@ class CallReader:
     def _of_call(self, call: Call, ahead_ns: int) -> Iterator[Item]:
         name = self._names[call.written]
         t_ns = (call.start_ns if call.written else call.end_ns) - ahead_ns
-        held = b""
-        for data, missing in call.parts:
-            held += data
-            if missing:
-                yield self._chunk(name, t_ns, held)
-                held = b""
-                detail = TranslatableText(
-                    "{count} bytes were lost: strace does not show all that {call} moves",
-                    count=missing,
-                    call=call.name,
-                )
-                yield self._event(name, PortEventKind.OVERRUN, detail, missing)
-        yield self._chunk(name, t_ns, held)
+        yield Chunk(name, t_ns, call.data, at_once=True)
+        if call.missing:
+            detail = TranslatableText(
+                "{count} bytes were lost: strace does not show all that {call} moves",
+                count=call.missing,
+                call=call.name,
+            )
+            yield self._event(name, PortEventKind.OVERRUN, detail, call.missing)
 
     def _unreadable(self, line: bytes, reason: TranslatableText) -> Iterator[Item]:
         """Report a line that is cut, on the wires whose bytes it may have had."""
@@ -290,9 +277,6 @@ class CallReader:
             device=device,
         )
         yield PortEvent(opened_ns, self._names[0], PortEventKind.FOUND_AGAIN, detail)
-
-    def _chunk(self, name: str, t_ns: int, data: bytes) -> Chunk:
-        return Chunk(name, t_ns, data, at_once=True)
 
     def _event(self, name: str, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
         return PortEvent(self._clock.now_ns(), name, kind, detail, count)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from urllib.parse import urlsplit
 
 import serial
 
@@ -51,22 +50,24 @@ def _busy(device: str, holders: Sequence[Holder]) -> TranslatableText:
 def check_name(name: str) -> None:
     """Raise PortError if a name cannot be a port's; opens nothing."""
     if not name.strip():
-        raise PortError("a port has an empty name; {there}", there=_existing_ports(""))
+        raise PortError("a port has an empty name; {there}", there=_existing_ports())
     if "://" in name:
         _check_url(name, scheme_of(name))
 
 
 def _check_url(url: str, scheme: str) -> None:
-    port, known = printable(url), known_schemes()
+    known = known_schemes()
     if scheme not in known:
         schemes = listed(f"{scheme}://" for scheme in known)
         raise PortError(
-            "{port}: no such kind of port; known are {listed}", port=port, listed=schemes
+            "{port}: no such kind of port; known are {listed}", port=printable(url), listed=schemes
         )
-    if is_network(url) and not _has_host_and_port(url):
+    if is_network(url) and not re.search(r"://[^/:]+:\d", url):
         example = f"{scheme}://192.168.0.7:4001"
         raise PortError(
-            "{port} names no host and TCP port: write it like {example}", port=port, example=example
+            "{port} names no host and TCP port: write it like {example}",
+            port=printable(url),
+            example=example,
         )
 
 
@@ -75,14 +76,6 @@ def known_schemes() -> list[str]:
     packages = map(import_module, serial.protocol_handler_packages)
     names = (module.name for package in packages for module in iter_modules(package.__path__))
     return sorted({name.partition("_")[2] for name in names if name.startswith("protocol_")})
-
-
-def _has_host_and_port(url: str) -> bool:
-    try:
-        parts = urlsplit(url)
-        return bool(parts.hostname and parts.port)
-    except ValueError:
-        return False
 
 
 def port_error(name: str, device: str | None, error: BaseException) -> PortError:
@@ -117,16 +110,13 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
 
 def _device_problem(device: str, number: int | None) -> str | None:
     if number == errno.ENOENT:
-        return TranslatableText(": no such port; {there}", there=_existing_ports(device))
+        return TranslatableText(": no such port; {there}", there=_existing_ports())
     if number in _FORBIDDEN:
         return TranslatableText(": no permission; {fix}", fix=permission_fix(device))
     if number in _BUSY:
         return _busy(device, holders_of(device))
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
-        there = _existing_ports(device)
-        if Path(device).is_file():
-            there = TranslatableText("`fte-sniff view {file}` shows a recording", file=device)
-        return TranslatableText(" is not a serial port; {there}", there=there)
+        return TranslatableText(" is not a serial port; {there}", there=_existing_ports())
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):
         return TranslatableText(
             ": no hardware answers there, or it was just unplugged; check the plug"
@@ -148,13 +138,10 @@ def _errno_of(error: BaseException) -> int | None:
     return cause.errno if isinstance(cause, OSError) else None
 
 
-def _existing_ports(requested: str) -> str:
+def _existing_ports() -> str:
     # Imported only on errors: it searches /sys.
     from serial.tools.list_ports import comports
 
-    near = Path("/dev") / requested
-    if requested and "/" not in requested and near.is_char_device():
-        return TranslatableText("did you mean {near}?", near=near)
     devices = sorted(port.device for port in comports())
     if devices:
         return TranslatableText("there are: {devices}", devices=listed(devices))
@@ -177,11 +164,7 @@ def permission_fix(device: str) -> str:
     except (OSError, KeyError):
         return _ASK
     if group.gr_gid == 0 or facts.st_mode & _GROUP_ACCESS != _GROUP_ACCESS:
-        return TranslatableText(
-            "its group {group} may not use it: let a group in with a "
-            'udev rule, SUBSYSTEM=="tty", GROUP="dialout", MODE="0660"',
-            group=group.gr_name,
-        )
+        return _ASK
     return TranslatableText(
         "it belongs to the group {group}: sudo usermod -aG {group} $USER, then log in again",
         group=group.gr_name,

@@ -441,33 +441,33 @@ def ns(seconds: int, micros: int) -> int:
     [
         (
             r'7 1700.000100 read(3, "\xaa\x01", 64) = 2 <0.000050>',
-            Call(((b"\xaa\x01", 0),), False, ns(1700, 100), ns(1700, 150), "read"),
+            Call(b"\xaa\x01", 0, False, ns(1700, 100), ns(1700, 150), "read"),
         ),
         (
             r'1700.000100 write(3, "\xaa\x01\x02", 3) = 2 <0.000050>',
-            Call(((b"\xaa\x01", 0),), True, ns(1700, 100), ns(1700, 150), "write"),
+            Call(b"\xaa\x01", 0, True, ns(1700, 100), ns(1700, 150), "write"),
         ),
         (
             r'7 1.0 writev(3, [{iov_base="\x01", iov_len=1}, {iov_base="\x02\x03",'
             r" iov_len=2}], 2) = 3 <0.1>",
-            Call(((b"\x01", 0), (b"\x02\x03", 0)), True, ns(1, 0), ns(1, 100_000), "writev"),
+            Call(b"\x01\x02\x03", 0, True, ns(1, 0), ns(1, 100_000), "writev"),
         ),
         (
             r'7 1.0 read(3, "\x01"..., 9000) = 9000 <0.1>',
-            Call(((b"\x01", 8999),), False, ns(1, 0), ns(1, 100_000), "read"),
+            Call(b"\x01", 8999, False, ns(1, 0), ns(1, 100_000), "read"),
         ),
         (
             r'7 1.0 writev(3</dev/ttyX>, [{iov_base="\x01"..., iov_len=5},'
             r' {iov_base="\x02", iov_len=1}], 2) = 6 <0.1>',
-            Call(((b"\x01", 4), (b"\x02", 0)), True, ns(1, 0), ns(1, 100_000), "writev"),
+            Call(b"\x01", 5, True, ns(1, 0), ns(1, 100_000), "writev"),
         ),
         (
             rf"7 1.0 sendfile(3<{TTY_X}>, 4<\x2f>, [0] => [9], 99) = 9 <0.1>",
-            Call(((b"", 9),), True, ns(1, 0), ns(1, 100_000), "sendfile"),
+            Call(b"", 9, True, ns(1, 0), ns(1, 100_000), "sendfile"),
         ),
         (
             rf"7 1.0 splice(3<{TTY_X}>, NULL, 4<\x70>, NULL, 99, 0) = 9 <0.1>",
-            Call(((b"", 9),), False, ns(1, 0), ns(1, 100_000), "splice"),
+            Call(b"", 9, False, ns(1, 0), ns(1, 100_000), "splice"),
         ),
         (r'7 1.0 read(3, "", 64) = 0 <0.000010>', None),
         (r"7 1.0 +++ exited with 0 +++", None),

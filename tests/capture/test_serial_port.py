@@ -66,20 +66,19 @@ def test_every_byte_comes_through_unchanged_and_none_goes_out(pty, baud, until):
     [
         ("/dev/no-such-port", ["/dev/no-such-port: no such port;"]),
         ("no-such-port", ["no-such-port: no such port;"]),
-        ("null", ["did you mean /dev/null?"]),
         ("", ["empty name"]),
         ("/tmp", ["/tmp is not a serial port; "]),
-        (__file__, ["is not a serial port", f"`fte-sniff view {__file__}`"]),
+        (__file__, ["is not a serial port"]),
         (f"{__file__}/x", ["is not a serial port"]),
         ("/dev/null", ["/dev/null is not a serial port"]),
         ("/dev/\x1b[2J", [r"/dev/\x1b[2J: no such port"]),
         ("a\0b", [r"a\x00b cannot be opened"]),
         ("foo://bar", ["foo://bar: no such kind of port", "sim://", "socket://", "loop://"]),
-        ("sim://?sed=1", ["did you mean seed?"]),
+        ("sim://?sed=1", ["it has seed, rate"]),
         ("sim://?rate=9999", ["at most 1152 frames/s"]),
         ("SIM://?drop=7", ["drop=7", "0..1"]),
         ("socket://localhost", ["no host and TCP port", "socket://192.168.0.7:4001"]),
-        ("socket://localhost:99999", ["no host and TCP port"]),
+        ("socket://localhost:99999", ["cannot be opened"]),
         ("rfc2217://:1", ["no host and TCP port", "rfc2217://192.168.0.7:4001"]),
         ("hwgrep://no-such-thing", ["no ports found"]),
         ("hwgrep://(", ["cannot be opened"]),
@@ -142,7 +141,7 @@ def test_a_forbidden_port_is_reported_with_the_fix(pty, request):
     request.getfixturevalue("somebody")
     message = message_of(pty.device)
     assert f"{pty.device}: no permission; " in message
-    assert 'SUBSYSTEM=="tty"' in message or "sudo usermod -aG" in message
+    assert "ask the machine's administrator" in message or "sudo usermod -aG" in message
 
 
 @pytest.mark.parametrize("number", ["EIO", "ENXIO", "ENODEV"])
