@@ -201,7 +201,7 @@ class CallReader:
         if not data:
             # A call that ended by then has been read, also where this program was held up since.
             for name in self._names:
-                yield Chunk(name, before_ns - _SETTLED_NS, b"")
+                yield Chunk(name, before_ns - _SETTLED_NS, b"", at_once=True)
             yield from self._followed()
 
     def finish(self) -> None:

@@ -22,10 +22,9 @@ import select
 from binascii import a2b_base64
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from copy import copy
 from datetime import date, tzinfo
-from functools import lru_cache
-from itertools import chain, pairwise, product
+from functools import lru_cache, partial
+from itertools import chain, product
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, NoReturn
 
@@ -66,6 +65,9 @@ class Form(NamedTuple):
 _PAIR: Final = re.compile(r"(?:0[xX]|16#|&[hH])?([0-9A-Fa-f]{2})")
 
 
+_DIGITS: Final = re.compile(r"-?\d+")
+
+
 def _hex(run: str) -> bytes:
     try:
         return bytes.fromhex(run)
@@ -78,8 +80,10 @@ def _unpadded(run: str) -> bytes:
 
 
 def _decimal(run: str) -> bytes:
-    values = [int(token) for token in re.findall(r"-?\d+", run)]
-    return bytes(value % 256 if value >= -128 else value for value in values)
+    values = [*map(int, _DIGITS.findall(run))]
+    if min(values) < 0:
+        values = [value % 256 if value >= -128 else value for value in values]
+    return bytes(values)
 
 
 def _octal(run: str) -> bytes:
@@ -222,7 +226,6 @@ class LineReader:
         """A reader; the first lines show which lanes have data, and the style of the times."""
         self.form, self._pattern = form, pattern
         self._style = style_of(lines) if pattern is None else _style_of_groups(pattern, lines)
-        self._counter = _counter_of(lines)
         self._cuts: dict[Lane, slice] = {}
         """By lane with data, which bytes of a run are data."""
         self._twins = set[Lane]()
@@ -253,10 +256,8 @@ class LineReader:
         return found
 
     def _masked(self, line: str) -> tuple[str, re.Match[str] | None]:
-        """The line without its time and number."""
+        """The line without its time."""
         text = line.rstrip()
-        if self._counter is not None:
-            text = self._counter.sub("\n", text, count=1)
         time = self._style.search(text) if self._style else None
         if time is not None:
             text = f"{text[: time.start()]}\n{text[time.end() :]}"
@@ -271,8 +272,9 @@ class LineReader:
             except ValueError:
                 continue
             if data:
-                word = _word(text[max(0, start - _LONGEST_WORD) : start].translate(_ZEROS))
-                yield Run((word, found[1] or "" if has_sign else ""), data, start, end)
+                before = text[start - _LONGEST_WORD if start > _LONGEST_WORD else 0 : start]
+                sign = found[1] or "" if has_sign else ""
+                yield Run((_word(before.translate(_ZEROS)), sign), data, start, end)
 
     def _is_data(self, run: Run, text: str) -> bool:
         """Whether the lane of a run has data; it has from its first whole frame on."""
@@ -288,27 +290,25 @@ class LineReader:
             self._cuts.setdefault(one, cut)
 
     def _learn(self, lines: Sequence[str]) -> None:
-        lanes, all_data = defaultdict[Lane, list[tuple[str, bool, Run]]](list), list[bytes]()
+        lanes, all_data = defaultdict[Lane, list[tuple[bool, Run]]](list), list[bytes]()
+        wires = defaultdict[tuple[Lane, str], bytes](bytes)
         for line in lines:
             text, _ = self._masked(line)
             for run in self._runs(text):
-                way = way_in(text[: run.start])
-                lanes[run.lane].append((way, _is_last(run, text), run))
+                lanes[run.lane].append((_is_last(run, text), run))
+                wires[run.lane, way_in(text[: run.start])] += run.data
+        with_frames = {lane for (lane, _), data in wires.items() if _FRAME.search(data)}
         for lane, runs in lanes.items():
-            ways = defaultdict[str, list[bytes]](list)
-            for way, _, run in runs:
-                ways[way].append(run.data)
-            frames, cut = _best_cut([*ways.values()])
-            if not frames:
+            data = b"".join(run.data for _, run in runs)
+            if lane not in with_frames:
                 continue
-            data = b"".join(run.data for *_, run in runs)
             if any(_are_twins(data, other) for other in all_data):
                 self._twins.add(lane)
                 continue
             all_data.append(data)
-            self._add(lane, cut)
-            ends = Counter(is_last for _, is_last, run in runs if len(run.data) >= _FEW)
-            ends = ends or Counter(is_last for _, is_last, _ in runs)
+            self._add(lane, _best_cut([run.data for _, run in runs]))
+            ends = Counter(is_last for is_last, run in runs if len(run.data) >= _FEW)
+            ends = ends or Counter(is_last for is_last, _ in runs)
             self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
 
     def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
@@ -353,28 +353,25 @@ def _is_last(run: Run, text: str) -> bool:
 
 _FEW: Final = 4
 """Bytes of a run from which on it is not a number by accident."""
-_MOST_CUT: Final = range(5), range(3)
-"""Bytes before and behind the data of a run."""
+
+
+_CUTS: Final = [slice(a or None, -b or None) for a, b in product(range(5), range(3))]
+"""What may be beside the data of each run: up to four bytes before, and two behind them."""
 _MANY: Final = 5
-"""Runs that show what is no data in each of them."""
+"""Runs that show it."""
 _CLEAN: Final = 0.8
-"""Of the bytes of such runs, how many are in frames."""
+"""Of the bytes between them, how many are in frames."""
 
 
-def _best_cut(ways: Sequence[Sequence[bytes]]) -> tuple[int, slice]:
-    """The number of frames in runs, and which bytes of each run are data.
-
-    Bytes before and behind the data are cut only if most others are then in frames.
-    """
-    best = 0, 0.0, slice(None)
-    for before, behind in product(*_MOST_CUT if sum(map(len, ways)) >= _MANY else (range(1),) * 2):
-        cut = slice(before or None, -behind or None)
-        data = [b"".join(one[cut] for one in runs) for runs in ways]
-        frames, size = sum(len(_FRAME.findall(one)) for one in data), sum(map(len, data))
-        is_clean = FRAME_LENGTH * frames >= _CLEAN * size or cut == slice(None)
-        if is_clean and (frames, _score(frames, size)) > best[:2]:
-            best = frames, _score(frames, size), cut
-    return best[0], best[2]
+def _best_cut(runs: Sequence[bytes]) -> slice:
+    """Which bytes of each run are data: the most with the most frames."""
+    best, most = slice(None), _score(len(_FRAME.findall(b"".join(runs))), sum(map(len, runs)))
+    for cut in _CUTS[1:] if len(runs) >= _MANY else ():
+        data = b"".join(run[cut] for run in runs)
+        frames = len(_FRAME.findall(data))
+        if FRAME_LENGTH * frames >= _CLEAN * len(data) and _score(frames, len(data)) > most:
+            best, most = cut, _score(frames, len(data))
+    return best
 
 
 def _are_twins(one: bytes, other: bytes) -> bool:
@@ -388,46 +385,37 @@ def _score(frames: int, size: int) -> float:
     return 10 * frames - 0.05 * (size - FRAME_LENGTH * frames)
 
 
-def _counter_of(lines: Sequence[str]) -> re.Pattern[str] | None:
-    """What matches the number of a line, if lines are numbered."""
-    counter = re.compile(r"^[^\w]*\d+(?!\w)")
-    found = [int(re.sub(r"\D", "", one[0])) for line in lines if (one := counter.match(line))]
-    rising = sum(later == earlier + 1 for earlier, later in pairwise(found))
-    are_many = len(found) > 2 and 2 * len(found) > len(lines)
-    return counter if are_many and 10 * rising >= 9 * (len(found) - 1) else None
-
-
 # Headings and ways
 
 
-class _Context:
-    """The headings above a line."""
+class Heading(NamedTuple):
+    """The lines without data above a line."""
 
-    def __init__(self) -> None:
-        self.way, self.text = "", ""
-        self.time: re.Match[str] | None = None
-        self.is_new = False
-        """Whether no data was below the time so far."""
+    way: str = ""
+    text: str = ""
+    time: re.Match[str] | None = None
+    is_new: bool = False
+    """Whether no data was below the time so far."""
 
-    def observe(self, line: Line) -> None:
-        """Take a line without data for a heading."""
-        self.way = way_in(line.before) or self.way
-        self.text = line.before.strip() or self.text
-        if line.time is not None:
-            self.time, self.is_new = line.time, True
+    def under(self, line: Line) -> Heading:
+        """The headings below a line without data."""
+        way, text = way_in(line.before) or self.way, line.before.strip() or self.text
+        if line.time is None:
+            return self._replace(way=way, text=text)
+        return Heading(way, text, line.time, is_new=True)
 
 
 def _numberless(text: str) -> str:
     return _NUMBER.sub("0", text)
 
 
-_WORDS: Final[Sequence[Callable[[str, str], str]]] = (
-    lambda before, heading: before.strip(),
-    lambda before, heading: _numberless(before.strip()),
-    lambda before, heading: heading,
-    lambda before, heading: _numberless(heading),
+_NAMES: Final[Sequence[Callable[[Line, Heading], str]]] = (
+    lambda line, above: line.before.strip(),
+    lambda line, above: _numberless(line.before.strip()),
+    lambda line, above: above.text,
+    lambda line, above: _numberless(above.text),
 )
-"""Texts that may name a wire, by the text before the data and the heading above it."""
+"""Texts that may name a wire, by a line and the headings above it."""
 _MOST_NAMES: Final = 8
 
 
@@ -435,75 +423,67 @@ class Layout:
     """Which lines have times and ways, decided by the first lines; keeps the headings."""
 
     def __init__(self, lines: Iterable[Line]) -> None:
-        self._above, found = _Context(), list[tuple[Line, _Context]]()
-        stamps = own_times = own_ways = new_times = 0
+        self._above, found, stamps = Heading(), list[tuple[Line, Heading]](), 0
         for line in lines:
             if line.data:
-                found.append((line, copy(self._above)))
-                own_times += line.time is not None
-                own_ways += bool(line.way)
-                new_times += self._above.is_new
-                self._above.is_new = False
+                found.append((line, self._above))
+                self._above = self._above._replace(is_new=False)
             else:
                 stamps += line.time is not None
-                self._above.observe(line)
+                self._above = self._above.under(line)
+        own_times = sum(line.time is not None for line, _ in found)
         times_in_lines = 0 < len(found) <= 2 * own_times
+        new_times = sum(above.is_new for _, above in found)
         self._times_above = not times_in_lines and 0 < stamps <= 2 * new_times
         self.has_times = times_in_lines or self._times_above
-        self._ways_above = 2 * own_ways < len(found)
-        self._name_of, self._names = _WORDS[0], dict[str, str]()
-        self.is_split = len({self._way_by_words(*one) for one in found} - {""}) > 1
-        if not self.is_split:
-            self._name_wires(found)
+        self._ways_above = 2 * sum(bool(line.way) for line, _ in found) < len(found)
+        self._names = dict[str, str]()
+        self.has_words = True
+        """Whether words name the ways of lines."""
+        self.has_words = len({self._way(*one) for one in found} - {""}) > 1
+        self._name_of = next(filter(partial(self._are_names, found), _NAMES), _NAMES[0])
         self.wires = defaultdict[str, bytes](bytes)
         """The data of the first lines, by their ways."""
         for line, above in found:
             self.wires[self._way(line, above)] += line.data
-        self._above = _Context()
-        self._uses_headings = self._times_above or (self.is_split and self._ways_above)
+        self._above = Heading()
+        self._uses_headings = (
+            self._times_above or bool(self._names) or (self.has_words and self._ways_above)
+        )
 
     def is_heading(self, line: Line) -> bool:
         """Observe a line; whether the lines below it have their time or way from it."""
         if line.data or not self._uses_headings:
             return False
-        self._above.observe(line)
-        by_name = bool(self._names) and self._name_of in _WORDS[2:]
-        has_way = self._ways_above and self.is_split and bool(way_in(line.before))
+        self._above = self._above.under(line)
+        by_name = bool(self._names) and self._name_of in _NAMES[2:]
+        has_way = self.has_words and self._ways_above and bool(way_in(line.before))
         return (self._times_above and line.time is not None) or has_way or by_name
-
-    @property
-    def has_words(self) -> bool:
-        """Whether words name the ways of lines."""
-        return self.is_split and not self._names
 
     def place(self, line: Line) -> tuple[str, re.Match[str] | None]:
         """The way and the time of a line with data; a line without a time has none."""
         time = line.time or (self._above.time if self._times_above else None)
         return self._way(line, self._above), time
 
-    def _way(self, line: Line, above: _Context) -> str:
-        if self._names:
-            return self._names.get(self._name_of(line.before, above.text), "")
-        return self._way_by_words(line, above) if self.is_split else ""
+    def _way(self, line: Line, above: Heading) -> str:
+        if self.has_words:
+            return line.way or (above.way if self._ways_above else "")
+        return self._names.get(self._name_of(line, above), "") if self._names else ""
 
-    def _way_by_words(self, line: Line, above: _Context) -> str:
-        return line.way or (above.way if self._ways_above else "")
-
-    def _name_wires(self, found: Sequence[tuple[Line, _Context]]) -> None:
-        """Find the text that names a wire: below or behind it are frames of one direction only."""
-        for name_of in _WORDS:
-            data = defaultdict[str, bytes](bytes)
-            for line, above in found:
-                data[name_of(line.before, above.text)] += line.data
-            if not 2 <= len(data) <= _MOST_NAMES:
-                continue
-            heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
-            are_pure = all(len(own) == 1 for own in heads.values())
-            if are_pure and set.union(*heads.values()) == _WAY_OF.keys():
-                self._name_of = name_of
-                self._names = {name: _WAY_OF[min(own)] for name, own in heads.items()}
-                self.is_split = True
-                return
+    def _are_names(
+        self, found: Sequence[tuple[Line, Heading]], name_of: Callable[[Line, Heading], str]
+    ) -> bool:
+        """Whether a text names the wires: with each are frames of one direction only."""
+        data = defaultdict[str, bytes](bytes)
+        for line, above in () if self.has_words else found:
+            data[name_of(line, above)] += line.data
+        if not 2 <= len(data) <= _MOST_NAMES:
+            return False
+        heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
+        are_pure = all(len(own) == 1 for own in heads.values())
+        if are_pure and set.union(*heads.values()) == _WAY_OF.keys():
+            self._names = {name: _WAY_OF[min(own)] for name, own in heads.items()}
+        return bool(self._names)
 
 
 _WAY_OF: Final = {HEADERS[Direction.CONTROL]: "tx", HEADERS[Direction.FEEDBACK]: "rx"}
@@ -601,15 +581,15 @@ class Log:
         """Decide how to read it, by its first lines, which are returned."""
         seen, lines, self._evidence = list[str](), list[str](), None
         for count in _SAMPLES:
-            while len(lines) < count and not (lines and self._is_silent() and self._known(lines)):
-                if not (block := next(self._blocks, "")):
-                    break
+            while len(lines) < count and (block := next(self._blocks, "")):
                 refuse_results(self.name, block if not seen else "")
                 seen.append(block)
-                lines += block.removesuffix("\n").split("\n")
-            first = [line[:_LONGEST_SAMPLED] for line in lines[:count]]
+                lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
+                if self._is_silent() and _have_frames(self._readings(lines)):
+                    break
+            first = lines[:count]
             found = self._readings(first)
-            if found is None or found[0].frames or len(lines) <= count:
+            if _have_frames(found) or len(lines) <= count:
                 break
         self._blocks = chain(seen, self._blocks)
         if not any(map(str.strip, lines)):
@@ -629,11 +609,6 @@ class Log:
         except (OSError, ValueError):  # not a pipe, but bytes in memory
             return False
 
-    def _known(self, lines: Sequence[str]) -> bool:
-        """Whether lines are enough to decide how to read them."""
-        found = self._readings([line[:_LONGEST_SAMPLED] for line in lines])
-        return found is None or found[0].frames > 0
-
     def _refuse(self, lines: Sequence[str], found: Sequence[Evidence]) -> NoReturn:
         text = "\n".join(lines)
         if _are_lost(self._text.first) or _are_lost(text.encode("utf-8", "replace"), _LOST_AS_HEX):
@@ -644,12 +619,10 @@ class Log:
             )
         if self._text.is_text:
             raise InputTextError(f"{self.name}: {_nothing_found(lines, found)}")
-        if 4 * sum(map(len, re.findall(r"[ -~]{4,}", text))) > len(text):
-            raise FileError(
-                f"{self.name}: holds bytes as characters among text, which cannot be separated;"
-                " record again with a display of hex, or add --input raw to read all of it as bytes"
-            )
-        raise FileError(f"{self.name}: holds no text; if it holds raw bytes, add --input raw")
+        raise FileError(
+            f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool wrote"
+            " bytes as characters among text, record again with its display of hex"
+        )
 
     def _readings(self, lines: Sequence[str]) -> list[Evidence] | None:
         """The evidence of all forms, the best first; None if it is plain hex."""
@@ -722,6 +695,7 @@ class Log:
                 f"{self._text.nul_bytes:,} NUL bytes are skipped; a power cut leaves them in files"
                 " that were being written"
             )
+
         if self._evidence is not None:
             yield from self._evidence.reader.notes()
 
@@ -738,6 +712,11 @@ _LOST_AS_HEX: Final = re.compile(rb"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b")
 def _are_lost(text: bytes, replaced: re.Pattern[bytes] = _LOST) -> bool:
     """Whether many bytes of a text were replaced."""
     return 100 * len(replaced.findall(text)) > len(text)
+
+
+def _have_frames(found: Sequence[Evidence] | None) -> bool:
+    """Whether lines, plain hex or not, are enough to decide how to read them."""
+    return found is None or found[0].frames > 0
 
 
 def _is_plain(lines: Sequence[str], best: Evidence) -> bool:

@@ -236,7 +236,7 @@ def _date(text: str, year: str | None, near: date, day_first: bool) -> date:
         return date(years[0] if years else near.year, month, day)
     if len(numbers) == 2:
         return date(near.year, *numbers)
-    if numbers[0] > 31:
+    if re.match(r"\d{4}", text):
         return date(*numbers)
     first, second, short = numbers
     day, month = (first, second) if "." in text or day_first else (second, first)
@@ -246,22 +246,15 @@ def _date(text: str, year: str | None, near: date, day_first: bool) -> date:
 def _order(lines: Iterable[str], near: date) -> tuple[bool, str]:
     """Whether dates such as 2/8/2026 have the day first; and one of them if that is not certain."""
     dates = {one["date"] for line in lines if (one := CLOCK.search(line)) and one["date"]}
-    pairs = {
-        text: (int(one[1]), int(one[2]))
-        for text in dates
-        if (one := re.match(r"(\d\d?)[-/](\d\d?)[-/]\d", text))
-    }
-    if not pairs:
+    texts = [text for text in dates if re.match(r"\d\d?[-/]\d\d?[-/]\d", text)]
+    pairs = [[int(one) for one in re.findall(r"\d+", text)] for text in texts]
+    if not texts or any(second > 12 for _, second, _ in pairs):
         return False, ""
-    if any(first > 12 for first, _ in pairs.values()):
+    if any(first > 12 for first, *_ in pairs):
         return True, ""
-    if any(second > 12 for _, second in pairs.values()):
-        return False, ""
-    text, (first, second) = max(pairs.items())
-    if first == second:
-        return False, ""
+    text = max(texts)
     month_first, day_first = (abs(_date(text, None, near, one) - near) for one in (False, True))
-    return day_first < month_first, text
+    return day_first < month_first, text if day_first != month_first else ""
 
 
 _IN_NAME: Final = re.compile(r"(?<!\d)(20\d\d)\D?([01]\d)\D?([0-3]\d)(?!\d)")
