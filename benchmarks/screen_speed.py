@@ -1,19 +1,13 @@
-"""Benchmark of the screen: frame rate, CPU, memory and delay over millions of rows.
+"""Benchmark of the screen: first rows, filters, frames, processor time and memory.
 
-python -m benchmarks.screen_speed [--rows 1 5 10] [--seconds 5]
-python -m benchmarks.screen_speed --idle samples/damaged.mcap [--seconds 30]
-python -m benchmarks.screen_speed --play [--rows 1 5] [--seconds 5]
-python -m benchmarks.screen_speed --live [--seconds 30]
+python -m benchmarks.screen_speed [--rows 1 10]         a recording of millions of rows is viewed
+python -m benchmarks.screen_speed --grow [--rows 1 10]  2,300 rows a second are added to millions
+python -m benchmarks.screen_speed --play [--rows 1]     two full wires are played
+python -m benchmarks.screen_speed --live                a full wire, without a pane and with each
 
 The screen runs in another process on a pseudo-terminal of 80 by 24, and is measured at its other
 end: a frame ends with the end of synchronized output, and the delay is the age of the newest time
-of day in it. 2,300 rows a second, twice the rate of a wire, are added to the given millions of
-rows, without and with a filter. At the end the whole program runs on a simulated wire.
-
-With `--play`, `view` plays a recording of two full wires at several speeds, and at speeds that
-change, without a pane and with the motors. With `--live`, `live` shows a full simulated wire; the
-last figure is the CPU against that without a pane. With `--idle`, `view` shows a file, and the CPU
-is measured while nothing happens, without a pane and with each.
+of day in it. Recordings are made in a temporary folder.
 """
 
 from __future__ import annotations
@@ -34,15 +28,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks.recording_speed import PORTS, batches
+from tests.support.recorded_rows import write_recording
+
 PER_SECOND = 2_300
+"""Twice the rate of a wire."""
 BATCH = 65_536
 MILLION = 1_000_000
 FILTER = "motor = 1 AND rpm > -2000"
 ASKS_FOR_SYNC = b"\x1b[?2026$p"
 HAS_SYNC = b"\x1b[?2026;2$y"
 FRAME_END = b"\x1b[?2026l"
-PANE_KEYS = {"detail": b"i", "bytes": b"b", "motors": b"M", "statistics": b"S", "top": b"T"}
-"""By name of a pane or view, the key that opens it."""
+PANE_KEYS = {"no pane": b"", "detail": b"i", "motors": b"M", "streams": b"T", "findings": b"!"}
+"""By name of a page, the key that opens it."""
+SPEEDS = (0.1, 1, 10, 100)
+"""Speeds of playback that are measured."""
+LONGEST_S = 600.0
 _CLOCK = re.compile(rb"([0-9]{2}):([0-9]{2}):([0-9]{2})\.([0-9]{3})")
 _DAY_MS = 86_400_000
 
@@ -62,6 +63,7 @@ class Terminal:
         environment = {**os.environ, "TERM": "xterm-256color", "COLORTERM": "truecolor"}
         # Some containers disable byte code files; an installed program has them.
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
+        self.began_s = time.monotonic()
         self.process = subprocess.Popen(
             self.command,
             stdin=slave,
@@ -97,7 +99,7 @@ class Terminal:
         if times:
             self.ages_ms.append(now_ms - max(times))
 
-    def wait_for(self, holds: Callable[[bytes], bool], seconds: float) -> float:
+    def wait_for(self, holds: Callable[[bytes], bool], seconds: float = LONGEST_S) -> float:
         """Seconds until the output since the call satisfies `holds`; fails after `seconds`."""
         start, found = time.monotonic(), b""
         while not holds(found):
@@ -111,7 +113,7 @@ class Terminal:
         os.write(self._master, keys)
 
     def usage(self) -> tuple[float, float]:
-        """CPU seconds so far, and resident megabytes."""
+        """Processor seconds so far, and resident megabytes."""
         folder = Path(f"/proc/{self.process.pid}")
         ticks = (folder / "stat").read_text().rpartition(")")[2].split()
         lines = (folder / "status").read_text().splitlines()
@@ -131,68 +133,37 @@ class Terminal:
 
 
 def main() -> None:
-    """Print a line for each size, without and with a filter."""
+    """Print a line for each measurement."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--rows", type=int, nargs="+", default=[1, 5, 10], help="millions")
+    parser.add_argument("--rows", type=int, nargs="+", default=[1, 10], help="millions")
     parser.add_argument("--seconds", type=float, default=5)
-    parser.add_argument("--idle", type=Path, metavar="FILE")
-    parser.add_argument("--play", action="store_true")
-    parser.add_argument("--live", action="store_true")
+    for name in ("grow", "play", "live"):
+        parser.add_argument(f"--{name}", action="store_true")
+    parser.add_argument("--folder", type=Path, help="where the recordings are for the while")
     parser.add_argument("--screen", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    counts = [millions * MILLION for millions in options.rows]
     if options.screen:
         _screen(int(options.screen[0]), options.screen[1])
-        return
-    if options.play:
-        for millions in options.rows:
-            _print_playback(millions * MILLION, options.seconds)
-        return
-    if options.live:
+    elif options.grow:
+        _print_growing(counts, options.seconds)
+    elif options.live:
         _print_live(options.seconds)
-        return
-    if options.idle:
-        _print_idle(options.idle, options.seconds)
-        return
-    print(f"80x24, {PER_SECOND} rows/s, {options.seconds:g} s each")
-    print("rows        filter  frames/s   CPU  delay p50/p99 ms    MB  bytes/row  jump ms")
-    base = _empty_memory()
-    for millions in options.rows:
-        for text in ("", FILTER):
-            print(_line(millions * MILLION, text, options.seconds, base), flush=True)
-    print(_live_line(options.seconds))
+    else:
+        measured = _print_played if options.play else _print_viewed
+        for rows in counts:
+            with tempfile.TemporaryDirectory(dir=options.folder) as folder:
+                path = Path(folder, f"{rows}.mcap")
+                write_recording(path, PORTS, batches(rows))
+                measured(path, rows, options.seconds)
 
 
-def _line(rows: int, text: str, seconds: float, base: float) -> str:
-    terminal = _started(rows, text)
-    frames, cpu, ages = _measured(terminal, seconds)
-    held = terminal.usage()[1]
-    jumps = [_jump(terminal, key) for key in (b"g", b"G", b"g", b"G", b"g")]
-    terminal.end()
-    bytes_a_row = (held - base) * 2**20 / rows
-    return (
-        f"{rows:>10,}  {'on' if text else 'off':>6}  {frames:>8.1f} {cpu:>5.0%}"
-        f"  {_percentile(ages, 50):>6.0f} / {_percentile(ages, 99):>6.0f}    {held:>5.0f}"
-        f"  {bytes_a_row:>9.1f}  {statistics.median(jumps) * 1e3:>7.0f}"
-    )
-
-
-def _started(rows: int, text: str) -> Terminal:
-    command = [sys.executable, "-m", "benchmarks.screen_speed", "--screen", f"{rows}", text]
-    terminal = Terminal(command)
-    terminal.wait_for(lambda drawn: b"READY" in drawn, 300)
-    terminal.read(2)
-    return terminal
-
-
-def _empty_memory() -> float:
-    """Megabytes of a screen without rows."""
-    terminal = _started(0, "")
-    held = terminal.usage()[1]
-    terminal.end()
-    return held
+def _program(*arguments: object) -> Terminal:
+    return Terminal([sys.executable, "-m", "fte_sniff", *map(str, arguments)])
 
 
 def _measured(terminal: Terminal, seconds: float) -> tuple[float, float, list[float]]:
+    """Frames a second, share of a core, and the ages of the newest rows."""
     terminal.frames, terminal.ages_ms = 0, []
     before, start = terminal.usage()[0], time.monotonic()
     terminal.read(seconds)
@@ -200,12 +171,101 @@ def _measured(terminal: Terminal, seconds: float) -> tuple[float, float, list[fl
     return terminal.frames / took, (terminal.usage()[0] - before) / took, [*terminal.ages_ms]
 
 
-def _jump(terminal: Terminal, key: bytes) -> float:
-    """Seconds from a key to the frame after the jump."""
+# A recording
+
+
+def _print_viewed(path: Path, rows: int, _seconds: float) -> None:
+    """Print first rows, loading, a filter, jumps and memory."""
+    terminal = _program("view", path)
+    terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)))
+    first_s = time.monotonic() - terminal.began_s
+    loading_s = terminal.wait_for(lambda drawn: b" FILE " in drawn)
+    terminal.read(1)
+    _wait_until_idle(terminal)
+    loaded = terminal.usage()
+    terminal.press(f"f{FILTER}\r".encode())
+    filter_s = terminal.wait_for(lambda drawn: b"rows" in drawn)
+    _wait_until_idle(terminal)
+    filtered = terminal.usage()
+    jumps = [_jump(terminal, key, b"%") for key in (b"G", b"g", b"G")]
+    terminal.end()
+    print(
+        f"{rows:,} rows: first rows after {first_s:.2f} s, loaded {loading_s:.1f} s later and"
+        f" examined with {loaded[0]:.1f} s of processor time; {loaded[1]:.0f} MB\n"
+        f"  filter: answered after {filter_s:.2f} s, complete with"
+        f" {filtered[0] - loaded[0]:.1f} s of processor time; {filtered[1]:.0f} MB; jumps"
+        f" {statistics.median(jumps) * 1e3:.0f} ms",
+        flush=True,
+    )
+
+
+def _wait_until_idle(terminal: Terminal) -> None:
+    """Wait until the program takes less than a tenth of a core for two seconds."""
+    while _measured(terminal, 1)[1] > 0.1 or _measured(terminal, 1)[1] > 0.1:
+        pass
+
+
+def _jump(terminal: Terminal, key: bytes, sign: bytes) -> float:
+    """Seconds from a key to the frame that has a sign."""
     terminal.read(0.3)
     terminal.press(key)
-    sign = b"SCROLLED" if key == b"g" else b"LIVE"
-    return terminal.wait_for(lambda drawn: sign in drawn, 20)
+    return terminal.wait_for(lambda drawn: sign in drawn or bool(_CLOCK.search(drawn)), 20)
+
+
+def _print_played(path: Path, _rows: int, seconds: float) -> None:
+    """Print frames and processor time of playing at several speeds."""
+    for pane in ("no pane", "motors"):
+        for speed in SPEEDS:
+            terminal = _program("view", "--play", f"{speed:g}", path)
+            terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)))
+            terminal.press(PANE_KEYS[pane])
+            terminal.read(seconds / 4)
+            frames, cpu, _ages = _measured(terminal, seconds)
+            held = terminal.usage()[1]
+            terminal.press(b" ")
+            pause_s = terminal.wait_for(lambda drawn: b"PAUSED" in drawn, 60)
+            terminal.end()
+            print(
+                f"{speed:>6g}x  {pane:<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"
+                f"  pauses after {pause_s * 1e3:.0f} ms",
+                flush=True,
+            )
+
+
+# Rows that come
+
+
+def _print_growing(counts: list[int], seconds: float) -> None:
+    print(f"80x24, {PER_SECOND} rows/s, {seconds:g} s each")
+    print("      rows  filter  frames/s   CPU  delay p50/p99 ms    MB  bytes/row  jump ms")
+    terminal = _started(0, "")
+    base = terminal.usage()[1]
+    terminal.end()
+    for rows in counts:
+        for text in ("", FILTER):
+            terminal = _started(rows, text)
+            frames, cpu, ages = _measured(terminal, seconds)
+            held = terminal.usage()[1]
+            jumps = [_jump(terminal, key, sign) for key, sign in _ENDS * 2]
+            terminal.end()
+            print(
+                f"{rows:>10,}  {'on' if text else 'off':>6}  {frames:>8.1f} {cpu:>5.0%}"
+                f"  {_percentile(ages, 50):>6.0f} / {_percentile(ages, 99):>6.0f}    {held:>5.0f}"
+                f"  {(held - base) * 2**20 / rows:>9.1f}  {statistics.median(jumps) * 1e3:>7.0f}",
+                flush=True,
+            )
+
+
+_ENDS = [(b"g", b"SCROLLED"), (b"G", b"LIVE")]
+
+
+def _started(rows: int, text: str) -> Terminal:
+    terminal = Terminal(
+        [sys.executable, "-m", "benchmarks.screen_speed", "--screen", f"{rows}", text]
+    )
+    terminal.wait_for(lambda drawn: b"READY" in drawn)
+    terminal.read(2)
+    return terminal
 
 
 def _percentile(values: list[float], percent: int) -> float:
@@ -214,124 +274,20 @@ def _percentile(values: list[float], percent: int) -> float:
     return sorted(values)[min(len(values) - 1, len(values) * percent // 100)]
 
 
-def _print_idle(file: Path, seconds: float) -> None:
-    """Print the CPU seconds of a screen at rest, with each pane of `PANES`."""
-    terminals = {}
-    for name, keys in {"no pane": b"", **PANE_KEYS}.items():
-        terminal = Terminal([sys.executable, "-m", "fte_sniff", "view", f"{file}"])
-        terminal.wait_for(lambda drawn: b"FILE" in drawn, 60)
-        terminal.read(1)
-        terminal.press(keys)
-        terminal.read(4)
-        terminals[name] = terminal, terminal.usage()[0], time.monotonic()
-    for name, (terminal, cpu, start) in terminals.items():
-        while (left := start + seconds - time.monotonic()) > 0:
-            time.sleep(left)
-        took = (terminal.usage()[0] - cpu) / (time.monotonic() - start) * 30
-        print(f"{name:<12}{took:>6.2f} s of CPU in 30 s", flush=True)
-    for terminal, *_ in terminals.values():
-        terminal.end()
-
-
-SPEEDS = (0.1, 1, 10, 100)
-"""Speeds of playback that are measured."""
-
-SPEED_STEPS = 9
-"""Steps from the lowest to the highest speed."""
-
-
-def _print_playback(rows: int, seconds: float) -> None:
-    """Print frames per second and CPU of playback at several speeds."""
-    from fte_sniff.protocol.rows import Rows
-    from fte_sniff.recording.metadata import PortFacts
-    from tests.support.recorded_rows import PORTS, rows_a_second, rows_of, write_recording
-
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "played.mcap")
-        frames = range(0, rows // len(PORTS), BATCH)
-        batches = (Rows.of(rows_of(first, BATCH)) for first in frames)
-        write_recording(file, [PortFacts(port) for port in PORTS], batches)
-        span_s = rows / len(PORTS) / rows_a_second()
-        print(f"{rows:,} rows, 80x24, {seconds:g} s each")
-        for pane in ("", "motors"):
-            for speed in SPEEDS:
-                # At the highest speed, a short recording ends before.
-                print(_played(file, speed, pane, min(seconds, span_s / speed / 2)), flush=True)
-            print(_sped_up(file, pane, seconds), flush=True)
-
-
-def _playing(file: Path, speed: float, pane: str) -> tuple[Terminal, float]:
-    """A screen that plays a file, and the seconds after which it did."""
-    command = [sys.executable, "-m", "fte_sniff", "view", "--play", f"{speed:g}", f"{file}"]
-    terminal = Terminal(command)
-    first = terminal.wait_for(lambda drawn: b"PLAYING" in drawn, 120)
-    terminal.press(PANE_KEYS.get(pane, b""))
-    return terminal, first
-
-
-def _played(file: Path, speed: float, pane: str, seconds: float) -> str:
-    terminal, first = _playing(file, speed, pane)
-    terminal.read(seconds / 4)
-    frames, cpu, _ages = _measured(terminal, seconds)
-    terminal.press(b" ")
-    pause = terminal.wait_for(lambda drawn: b"PAUSED AT" in drawn, 60)
-    held = terminal.usage()[1]
-    terminal.end()
-    return (
-        f"{speed:>6g}x  {pane or 'no pane':<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"
-        f"  plays after {first:.2f} s, pauses after {pause * 1e3:.0f} ms"
-    )
-
-
-def _sped_up(file: Path, pane: str, seconds: float) -> str:
-    """The speed rises from the lowest to the highest in `seconds`, and falls again."""
-    terminal, _first = _playing(file, SPEEDS[0], pane)
-    terminal.read(1)
-    terminal.frames, changes = 0, []
-    before, start = terminal.usage()[0], time.monotonic()
-    for key in [b">"] * SPEED_STEPS + [b"<"] * SPEED_STEPS:
-        terminal.press(key)
-        changes.append(terminal.wait_for(lambda drawn: b"PLAYING" in drawn, 20))
-        terminal.read(seconds / SPEED_STEPS / 2)
-    took = time.monotonic() - start
-    cpu = (terminal.usage()[0] - before) / took
-    terminal.end()
-    return (
-        f"changing  {pane or 'no pane':<8} {terminal.frames / took:>5.1f} frames/s {cpu:>5.0%}"
-        f"           the speed changes after {statistics.median(changes) * 1e3:.0f} ms (median),"
-        f" {max(changes) * 1e3:.0f} ms (longest)"
-    )
-
-
 def _print_live(seconds: float) -> None:
-    """Print the CPU of a full wire without a pane and with each."""
-    table = 0.0
-    for name, keys in {"no pane": b"", **PANE_KEYS}.items():
-        wire = "sim://?seed=1&rate=1100"
-        terminal = Terminal([sys.executable, "-m", "fte_sniff", "live", "--no-record", wire])
-        terminal.wait_for(lambda drawn: b"LIVE" in drawn, 60)
+    """Print frames, processor time and delay of a full wire, for each page."""
+    for name, keys in PANE_KEYS.items():
+        terminal = _program("live", "--no-record", "sim://?seed=1&rate=1100")
+        terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)), 60)
         terminal.press(keys)
         terminal.read(3)
-        frames, cpu, _ages = _measured(terminal, seconds)
+        frames, cpu, ages = _measured(terminal, seconds)
         terminal.end()
-        table = table or cpu
         print(
-            f"{name:<12}{frames:>6.1f} frames/s  {cpu * seconds:>5.2f} s of CPU in {seconds:g} s"
-            f"  {cpu / table:.2f}",
+            f"{name:<9} {frames:>5.1f} frames/s {cpu:>5.0%}  wire to screen"
+            f" {_percentile(ages, 50):.0f} ms (p50), {_percentile(ages, 99):.0f} ms (p99)",
             flush=True,
         )
-
-
-def _live_line(seconds: float) -> str:
-    terminal = Terminal([sys.executable, "-m", "fte_sniff", "live", "--no-record", "sim://?seed=1"])
-    terminal.wait_for(lambda drawn: bool(_CLOCK.search(drawn)), 60)
-    terminal.read(2)
-    frames, cpu, ages = _measured(terminal, seconds)
-    terminal.end()
-    return (
-        f"live sim://: {frames:.1f} frames/s, screen {cpu:.0%} of a core, wire to screen"
-        f" {_percentile(ages, 50):.0f} ms (p50), {_percentile(ages, 99):.0f} ms (p99)"
-    )
 
 
 def _screen(rows: int, text: str) -> None:
@@ -339,6 +295,7 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Row, encode
+    from fte_sniff.protocol.rows import Rows
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
@@ -347,17 +304,15 @@ def _screen(rows: int, text: str) -> None:
         for number in range(4000)
     ]
 
-    from fte_sniff.protocol.rows import Rows
-
     def made(first: int, count: int, t_ns: int) -> list[Row]:
         return [Row("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
 
     def updates() -> Iterator[FeedUpdate]:
-        came, old = 0, made(0, BATCH, time.time_ns())
+        came, old = 0, Rows.of(made(0, BATCH, time.time_ns()))
         while came < rows:
             count = min(BATCH, rows - came)
             came += count
-            yield FeedUpdate(FeedState("loading", rows=came), Rows.of(old[:count]))
+            yield FeedUpdate(FeedState("loading", rows=came), old[:count])
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)

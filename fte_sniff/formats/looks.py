@@ -17,16 +17,6 @@ class Ground(StrEnum):
     LIGHT = "light"
 
 
-class Ink(NamedTuple):
-    """Colours on one ground, as `#rrggbb`."""
-
-    text: str
-    """Its contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page."""
-    sign: str
-    """Colour of a sign that has its own background, with a contrast of at least 4.5."""
-    sign_ground: str
-
-
 class Look(NamedTuple):
     """How a status is shown."""
 
@@ -37,8 +27,11 @@ class Look(NamedTuple):
     bold: bool = False
     plot: str = "#3a7bd5"
     """Colour in plots, with a contrast of about 3, at least 2.9, on light and dark ground."""
-    inks: Mapping[Ground, Ink] = MappingProxyType({})
-    """The colours by ground; empty for those of plain text."""
+    inks: Mapping[Ground, str] = MappingProxyType({})
+    """Colours of text by ground, as `#rrggbb`; empty for those of plain text.
+
+    The contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page.
+    """
 
     @property
     def style(self) -> str:
@@ -53,20 +46,14 @@ LOOKS: Mapping[Status, Look] = MappingProxyType(
             "?",
             "yellow",
             plot="#d9822b",
-            inks={
-                Ground.DARK: Ink("#f0e442", "#101010", "#f0e442"),
-                Ground.LIGHT: Ink("#6b5e00", "#101010", "#e0d030"),
-            },
+            inks={Ground.DARK: "#f0e442", Ground.LIGHT: "#6b5e00"},
         ),
         Status.MALFORMED: Look(
             "!",
             "red",
             bold=True,
             plot="#d03b3b",
-            inks={
-                Ground.DARK: Ink("#ff8f50", "#ffffff", "#b84a00"),
-                Ground.LIGHT: Ink("#a33c00", "#ffffff", "#b84a00"),
-            },
+            inks={Ground.DARK: "#ff8f50", Ground.LIGHT: "#a33c00"},
         ),
     }
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
 from functools import cache
@@ -223,10 +223,13 @@ MIN_WIDTH = 3
 LONG_VALUES_WIDTH = 45
 """Cells of the longest values of a row in one column."""
 
-_MICROSECONDS_WIDTH = len("12:00:00.000000")
-_DELTA_WIDTH = len("999.999 ms")
 _PORT_WIDTH = 12
-_WIDTHS = {"offset": 10, "faults": 19, "raw": 3 * FRAME_LENGTH - 1, "answer_ms": 9}
+_WIDTHS = {
+    "time": len("12:00:00.000000"),
+    DELTA: len("999.999 ms"),
+    VALUES: LONG_VALUES_WIDTH,
+    **{"offset": 10, "faults": 19, "raw": 3 * FRAME_LENGTH - 1, "answer_ms": 9},
+}
 """Cells of columns whose values or words do not decide."""
 
 
@@ -236,26 +239,27 @@ class TableColumn:
 
     name: str
     """Name in the row contract."""
-    head: str
     width: int
     number: bool
     """Whether it is aligned to the right."""
-    text: Callable[[Value, int], str]
-    """Formats a value for a number of cells; never called with None."""
+    view: TableView
 
     def cell(self, value: Value) -> str:
         """A value in exactly `width` cells; blank for None."""
         if value is None:
             return " " * self.width
-        return (fit_right if self.number else fit)(self.text(value, self.width), self.width)
+        text = cell_of(self.name, value, self.width, self.view)
+        return (fit_right if self.number else fit)(text, self.width)
 
     @property
     def head_cell(self) -> str:
         """The column's name, aligned as its cells."""
-        head = _(self.head)
-        if self.name == "time" and cell_len(head) > self.width:
-            # The zone or the start of the count is more important than the word "time".
-            head = head.rpartition(" ")[2]
+        head, times = _("Δt" if self.name == DELTA else self.name), self.view.times
+        if self.name == "time":
+            zone = str(self.view.zone).removeprefix("UTC")
+            head = _("time {zone}", zone=zone) if times is TimeStyle.LOCAL else _(times)
+            if cell_len(head) > self.width:  # the zone or the start of the count is more important
+                head = head.rpartition(" ")[2]
         return (fit_right if self.number else fit)(head, self.width)
 
     def sized(self, width: int) -> TableColumn:
@@ -265,89 +269,41 @@ class TableColumn:
 
 def column_of(name: str, view: TableView) -> TableColumn:
     """The column of that name with its full width."""
-    field = FIELD_BY_NAME.get(name)
-    if field is not None:
-        return _value_column(field)
-    if name == "time":
-        return _time_column(view)
-    if name == DELTA:
-        return TableColumn(name, "Δt", _DELTA_WIDTH, True, _delta_cell)
+    column, field = COLUMN_BY_NAME.get(name), FIELD_BY_NAME.get(name)
+    texts = [name, *(column.words if column else ())]
     if name == "port":
-        return _port_column(view.ports)
-    if name == VALUES:
-        return TableColumn(VALUES, VALUES, LONG_VALUES_WIDTH, False, _plain_cell)
-    column = COLUMN_BY_NAME[name]
-    width = _WIDTHS.get(name) or max(map(len, (name, *column.words)))
-    is_number = column.type is ColumnType.INT
-    return TableColumn(name, name, width, is_number, _TEXT_CELLS.get(name, _plain_cell))
+        texts += short_names([*map(printable, view.ports)], _PORT_WIDTH).values()
+    elif field is not None and field.legal_bits is None:
+        texts += [str(field.low), str(field.high)]
+    width = _WIDTHS.get(name) or max(map(len, texts))
+    is_number = name == DELTA or (column is not None and column.type is ColumnType.INT)
+    return TableColumn(name, width, is_number, view)
 
 
-def _time_column(view: TableView) -> TableColumn:
-    head: str = view.times
-    if view.times is TimeStyle.LOCAL:
-        head = _("time {zone}", zone=str(view.zone).removeprefix("UTC"))
-    text = _elapsed_cell if view.times.is_elapsed else _clock_cell_in(view.shown_zone)
-    return TableColumn("time", head, _MICROSECONDS_WIDTH, False, text)
-
-
-def _value_column(field: Field) -> TableColumn:
-    head = field.name
-    if field.legal_bits is not None:
-        return TableColumn(head, head, max(len(head), 2), True, _flags_cell)
-    widest = max(len(str(field.low)), len(str(field.high)), len(head))
-    return TableColumn(head, head, widest, True, _plain_cell)
-
-
-def _port_column(ports: tuple[str, ...]) -> TableColumn:
-    """Column of port names, shortened but still different from each other."""
-    names = tuple(dict.fromkeys(map(printable, ports)))
-
-    def cell(value: Value, width: int) -> str:
-        name = printable(str(value))
-        return short_names(names if name in names else (*names, name), width)[name]
-
-    widest = max((len(name) for name in short_names(names, _PORT_WIDTH).values()), default=0)
-    return TableColumn("port", "port", max(widest, len("port")), False, cell)
-
-
-def _clock_cell_in(zone: timezone) -> Callable[[Value, int], str]:
-    """Times of day in a zone; without the hour where they do not fit."""
-
-    def cell(value: Value, width: int) -> str:
-        if not isinstance(value, int):
-            return ""
-        clock = clock_text(value, 9, zone)
-        return clock[:width] if width >= len("12:00:00.000") else clock[3:][:width]
-
-    return cell
-
-
-def _delta_cell(value: Value, width: int) -> str:
-    """Milliseconds, or seconds where they do not fit."""
-    if not isinstance(value, int):
-        return ""
-    text = f"{value / 1e6:.3f} ms"
-    return text if len(text) <= width else f"{value / 1e9:.3f} s"
-
-
-def _elapsed_cell(value: Value, width: int) -> str:
-    return elapsed_text(value, width) if isinstance(value, int) else ""
-
-
-def _flags_cell(value: Value, width: int) -> str:
-    return f"{value:02X}"
-
-
-def _plain_cell(value: Value, width: int) -> str:
+def cell_of(name: str, value: Value, width: int, view: TableView) -> str:
+    """The text of a value of a column in about `width` cells."""
+    field = FIELD_BY_NAME.get(name)
+    if field is not None and field.legal_bits is not None:
+        return f"{value:02X}"
+    match name, value:
+        case "time", int() if view.times.is_elapsed:
+            return elapsed_text(value, width)
+        case "time", int():  # without the hour where it does not fit
+            clock = clock_text(value, 9, view.shown_zone)
+            return clock[:width] if width >= len("12:00:00.000") else clock[3:][:width]
+        case "delta", int():
+            text = f"{value / 1e6:.3f} ms"
+            return text if len(text) <= width else f"{value / 1e9:.3f} s"
+        case "port", str():  # shortened, but still different from each other
+            names = [*map(printable, dict.fromkeys((*view.ports, value)))]
+            return short_names(names, width)[printable(value)]
+        case "kind", str():
+            return short_kind(value, width)
+        case "raw", str():
+            return bytes_text(bytes.fromhex(value), width)
+        case "faults", list():
+            return ",".join(value)
     return printable(str(value))
-
-
-_TEXT_CELLS: Mapping[str, Callable[[Value, int], str]] = {
-    "kind": lambda value, width: short_kind(str(value), width),
-    "raw": lambda value, width: bytes_text(bytes.fromhex(str(value)), width),
-    "faults": lambda value, _width: ",".join(value) if isinstance(value, list) else "",
-}
-"""Formats of the columns of text that are not plain."""
 
 
 MARK_WIDTH = 1

@@ -25,7 +25,7 @@ from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.pages import Context, Page, text_of
-from fte_sniff.tui.painter import BOLD, Palette, Sign
+from fte_sniff.tui.painter import BOLD, REVERSED, UNDERLINED, Palette, Sign
 from fte_sniff.tui.view import Answered
 
 UNCERTAIN_ORDER: Final = later(
@@ -134,7 +134,7 @@ def _fields(row: Row, context: Context) -> Table:
         field = _with_turns(field, context.view.setup)
         status = status_of((field.fault,)) if field.fault else Status.OK
         style = palette.statuses[status]
-        own = style + palette.field if number == context.field else style
+        own = style + REVERSED + UNDERLINED if number == context.field else style
         value = f"{field.value}  {''.join('01'[bit.is_set] for bit in reversed(field.bits))}"
         texts = (
             Text(_(field.meaning), palette.muted),

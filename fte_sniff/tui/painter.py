@@ -32,9 +32,7 @@ from fte_sniff.protocol import (
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.cells import (
-    DELTA,
     RAISED_MARK,
-    VALUES,
     TableColumn,
     TableLayout,
     bytes_text,
@@ -45,6 +43,7 @@ from fte_sniff.tui.cells import (
 PLAIN: Final = Style.null()
 BOLD: Final = Style(bold=True)
 REVERSED: Final = Style(reverse=True, bold=True)
+UNDERLINED: Final = Style(underline=True)
 
 
 @dataclass(frozen=True)
@@ -54,18 +53,13 @@ class Palette:
     muted: Style
     """Times, bytes, labels."""
     statuses: Mapping[Status, Style]
-    marks: Mapping[Status, Style]
-    """As `statuses`, of what has a background."""
     good: Style
     raised: Style
     """Flags that are raised."""
-    raised_mark: Style
     signs: Style
     """Signs of rows, and the lines of events."""
     changed: Style
     """Bytes that differ from the frame before."""
-    field: Style
-    """The bytes of the field that the user looks at."""
 
     def of_bytes(self, row: Row) -> list[Style]:
         """The style of each byte: muted, or that of its fault or flag."""
@@ -75,52 +69,29 @@ class Palette:
             for field in dissect(row):
                 for at in field.offsets:
                     if field.fault is not None:
-                        styles[at] = self.marks[status_of((field.fault,))]
+                        styles[at] = self.statuses[status_of((field.fault,))] + REVERSED
                     elif field.is_raised:
-                        styles[at] = self.raised_mark
+                        styles[at] = self.raised + REVERSED
         return styles
 
 
-def _sign(color: str, background: str) -> Style:
-    return Style(color=color, bgcolor=background, bold=True)
+def _palette(
+    ground: Ground, muted: str, good: str, raised: str, signs: str, changed: str
+) -> Palette:
+    """Colours as `#rrggbb`."""
+    inks = {status: look.inks.get(ground) for status, look in LOOKS.items()}
+    return Palette(
+        muted=Style(color=muted),
+        statuses={status: Style(color=ink) if ink else PLAIN for status, ink in inks.items()},
+        good=Style(color=good),
+        raised=Style(color=raised),
+        signs=Style(color=signs, bold=True),
+        changed=Style(color=changed) + REVERSED,
+    )
 
 
-def _statuses(ground: Ground) -> Mapping[Status, Style]:
-    return {
-        status: Style(color=look.inks[ground].text) if look.inks else PLAIN
-        for status, look in LOOKS.items()
-    }
-
-
-def _marks(ground: Ground) -> Mapping[Status, Style]:
-    return {
-        status: _sign(*look.inks[ground][1:]) if look.inks else PLAIN
-        for status, look in LOOKS.items()
-    }
-
-
-DARK: Final = Palette(
-    muted=Style(color="#96a0ac"),
-    statuses=_statuses(Ground.DARK),
-    marks=_marks(Ground.DARK),
-    good=Style(color="#5fd38d"),
-    raised=Style(color="#f5a3a3"),
-    raised_mark=_sign("#101010", "#f5a3a3"),
-    signs=Style(color="#56b4e9", bold=True),
-    changed=Style(color="#101010", bgcolor="#c9a0ff", bold=True),
-    field=Style(color="#101010", bgcolor="#ffffff", bold=True, underline=True),
-)
-LIGHT: Final = Palette(
-    muted=Style(color="#566069"),
-    statuses=_statuses(Ground.LIGHT),
-    marks=_marks(Ground.LIGHT),
-    good=Style(color="#00694b"),
-    raised=Style(color="#a01030"),
-    raised_mark=_sign("#ffffff", "#a01030"),
-    signs=Style(color="#0062a0", bold=True),
-    changed=Style(color="#ffffff", bgcolor="#6a3fb0", bold=True),
-    field=Style(color="#ffffff", bgcolor="#101010", bold=True, underline=True),
-)
+DARK: Final = _palette(Ground.DARK, "#96a0ac", "#5fd38d", "#f5a3a3", "#56b4e9", "#c9a0ff")
+LIGHT: Final = _palette(Ground.LIGHT, "#566069", "#00694b", "#a01030", "#0062a0", "#6a3fb0")
 
 
 _BYTE_CELLS: Final = 3
@@ -173,7 +144,7 @@ class Painter:
         """The row, over the style of its line."""
         row = cell.row
         runs = [self._mark(row), (cell.sign.value, self.palette.signs)]
-        values = record(row) if self._needs_record else {}
+        values = record(row)
         for number, column in enumerate(self._columns):
             runs += [_SPACE] if number else []
             runs += self._cell(column, cell, values)
@@ -199,8 +170,9 @@ class Painter:
 
     def _mark(self, row: Row) -> _Run:
         if row.status is Status.OK and is_raised(row):
-            return RAISED_MARK, self.palette.raised_mark
-        return mark_of(row), self.palette.marks[row.status]
+            return RAISED_MARK, self.palette.raised + REVERSED
+        style = PLAIN if row.status is Status.OK else self.palette.statuses[row.status] + REVERSED
+        return mark_of(row), style
 
     @cached_property
     def shown(self) -> TableLayout:
@@ -218,11 +190,6 @@ class Painter:
     @cached_property
     def _faults_cut(self) -> bool:
         return "faults" not in self._names
-
-    @cached_property
-    def _needs_record(self) -> bool:
-        """Whether a column shows more than those of a narrow table."""
-        return not {"time", DELTA, "port", "kind", VALUES, "raw"}.issuperset(self._names)
 
     def _cell(
         self, column: TableColumn, cell: RowCell, values: Mapping[str, Value]
@@ -278,7 +245,7 @@ class Painter:
         text, styles = fit(spaced_hex(row.raw), width), palette.of_bytes(row)
         for at, style in enumerate(styles):
             if cell.field is not None and at in cell.field:
-                styles[at] = style + palette.field
+                styles[at] = style + REVERSED + UNDERLINED
             elif cell.changed is not None and cell.changed[at]:
                 styles[at] = palette.changed
         runs, start = list[_Run](), 0

@@ -244,7 +244,9 @@ def test_changed_bytes_are_off_at_the_start_and_shown_by_d(feed: ListFeed) -> No
         def has_changed() -> bool:
             strips = [app.table.render_line(y) for y in range(6)]
             return any(
-                part.style and part.style.bgcolor == changed.bgcolor for s in strips for part in s
+                part.style and part.style.reverse and part.style.color == changed.color
+                for s in strips
+                for part in s
             )
 
         assert not has_changed()

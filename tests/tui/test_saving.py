@@ -8,8 +8,7 @@ from threading import Thread
 
 import pytest
 
-from fte_sniff.formats.looks import LOOKS, Ground
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import PortEvent, PortEventKind, Status
 from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette
@@ -121,7 +120,7 @@ def test_every_text_is_readable(palette: Palette, ground: str) -> None:
     for style in (palette.muted, palette.good, palette.raised, palette.signs):
         assert style.color is not None
         assert contrast(style.color.name, ground) >= 4.5
-    for look in LOOKS.values():
-        for ink in look.inks.values():
-            assert contrast(ink.sign, ink.sign_ground) >= 4.5
-    assert Ground.DARK in {*LOOKS[next(reversed(LOOKS))].inks}
+    for status in (Status.SUSPECT, Status.MALFORMED):
+        color = palette.statuses[status].color
+        assert color is not None
+        assert contrast(color.name, ground) >= 4.5
