@@ -30,7 +30,6 @@ NOTICED = (
     ("truncation_ignored", "taken-away"),
     ("one_row_lost", "kill-recorder"),
     ("late_after_rotation", "kill-recorder"),
-    ("late_after_rotation", "rotate-oldest"),
     ("foreign_files_deleted", "rotate-oldest"),
 )
 

@@ -92,7 +92,6 @@ class Line:
         while self._unread and monotonic() < until:
             sleep(0.01)
         promise(not self._unread, "the program does not read the line")
-        sleep(0.2)
 
     @property
     def _unread(self) -> int:
