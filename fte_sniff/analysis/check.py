@@ -5,7 +5,8 @@
 
 `counted` counts the tables of a stream for some rules; such parts add up (`summed`), and `verdicts`
 judges the sum. A measure is two functions: what it counts in the rows of a table that the rule's
-filter selects, and its value; a new one is an entry of `MEASURES`.
+filter selects, and its value with what a failed rule counts most; a new one is an entry of
+`MEASURES`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import operator
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -24,8 +25,9 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis import compare, events
-from fte_sniff.analysis.durations import Durations, binned
+from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
+from fte_sniff.analysis.filter.terms import both
 from fte_sniff.analysis.findings import Cause, Finding, find, hidden_text
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
@@ -49,9 +51,6 @@ FIELDS: Final = [
     column.name for column in COLUMNS if column.type in (ColumnType.INT, ColumnType.REAL)
 ]
 """The fields that are measured."""
-
-MOST_SHOWN: Final = 1000
-"""Rows that show a violation and are kept."""
 
 _PERCENTILES: Final = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 
@@ -87,11 +86,6 @@ class Rule:
         return self.operator in ("==", "<=", "<")
 
     @property
-    def most(self) -> int:
-        """The largest count that fulfils it, if large ones do not."""
-        return math.ceil(self.number) - 1 if self.operator == "<" else math.floor(self.number)
-
-    @property
     def unit(self) -> str:
         """Unit of the measured value and the number; empty without one."""
         column = COLUMN_BY_NAME.get(self.argument)
@@ -117,9 +111,9 @@ class RulePart:
 
     counts: Counts
     rows: Rows
-    """The first rows, by time, that show a violation."""
-    files: tuple[str, ...]
-    """The inputs of these rows."""
+    """The first row, by time, that shows a violation; none if there is none."""
+    file: str
+    """The input of this row."""
 
 
 Part: TypeAlias = tuple[Counts, list[RulePart]]
@@ -143,30 +137,21 @@ def selected(table: Table, filter_text: str) -> Bools:
 
 def _part(table: Table, matches: Bools, rule: Rule) -> RulePart:
     counts, at = MEASURES[rule.measure].counted(table, matches, rule)
-    at = at[np.argsort(table.rows.t_ns[at], kind="stable")][: _kept(rule)]
-    files = tuple(table.sources[code] for code in table.source[at].tolist())
-    return RulePart(counts, table.rows.select(at), files)
-
-
-def _kept(rule: Rule) -> int:
-    counts = MEASURES[rule.measure].counts_events and rule.is_limit
-    return min(max(0, rule.most) + 1, MOST_SHOWN) if counts else 1
+    at = at[np.argsort(table.rows.t_ns[at], kind="stable")][:1]
+    file = "".join(table.sources[code] for code in table.source[at].tolist())
+    return RulePart(counts, table.rows.select(at), file)
 
 
 def summed(parts: Iterable[Part], rules: Sequence[Rule]) -> Part:
     """The parts of a stream, in the order of time, as one."""
-    total = counted(EMPTY, rules)
-    for extent, own in parts:
-        pairs = zip(total[1], own, rules, strict=True)
-        total = summed_counts([total[0], extent]), [_added(*pair) for pair in pairs]
-    return total
+    extents, own = zip(counted(EMPTY, rules), *parts, strict=True)
+    return summed_counts(extents), [_added(group) for group in zip(*own, strict=True)]
 
 
-def _added(one: RulePart, other: RulePart, rule: Rule) -> RulePart:
-    rows, files = Rows.concat([one.rows, other.rows]), (*one.files, *other.files)
-    order = np.argsort(rows.t_ns, kind="stable")[: _kept(rule)]
-    counts = summed_counts([one.counts, other.counts])
-    return RulePart(counts, rows.select(order), tuple(files[at] for at in order.tolist()))
+def _added(parts: Sequence[RulePart]) -> RulePart:
+    shown = [part for part in parts if len(part.rows)]
+    first = min(shown, key=lambda part: int(part.rows.t_ns[0]), default=parts[0])
+    return replace(first, counts=summed_counts(part.counts for part in parts))
 
 
 def needed(table: Table, rules: Sequence[Rule]) -> Ints:
@@ -194,6 +179,28 @@ def _numbers(values: Mapping[str, int | float | None], kind: Any = pl.Int64) -> 
 # The measures
 
 
+class Context(NamedTuple):
+    """What a value depends on besides the counts of its rule."""
+
+    extent: Mapping[str, Any]
+    """The number and the times of all rows."""
+    hidden: str
+    """Why rows are missing; empty if a filter hid none."""
+    baseline: Counts | None
+    """The counts of `compare` to compare with."""
+
+
+class Measured(NamedTuple):
+    """The value of a measure, and what a failed rule counts most."""
+
+    value: float | None
+    """None if the rows that it needs did not come; NaN, which fulfils no rule, for a rate in no
+    time."""
+    finding: Finding | None = None
+    text: str = ""
+    """A motor, or a change."""
+
+
 def _matching(table: Table, matches: Bools, rule: Rule) -> Counted:
     at = table.counted[matches[table.counted]]
     return Counted({"rows": _numbers({"sum matches": len(at)})}, at if rule.is_limit else _NONE)
@@ -203,23 +210,26 @@ def _matches(counts: Counts) -> int:
     return int(counts["rows"]["sum matches"][0])
 
 
-def _count(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
-    return _matches(counts)
+def _count(counts: Counts, rule: Rule, context: Context) -> Measured:
+    return Measured(_matches(counts))
 
 
-def _share(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
-    return _matches(counts) / int(extent["sum rows"])
+def _share(counts: Counts, rule: Rule, context: Context) -> Measured:
+    return Measured(_matches(counts) / int(context.extent["sum rows"]))
 
 
-def _rate(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _rate(counts: Counts, rule: Rule, context: Context) -> Measured:
     """Matching rows per second; NaN if the duration is unknown or 0."""
-    seconds = _duration(counts, extent, rule)
-    return _matches(counts) / seconds if seconds else math.nan if _matches(counts) else 0
+    seconds = _duration(counts, rule, context).value
+    if not seconds and _matches(counts):
+        return Measured(math.nan)
+    return Measured(_matches(counts) / (seconds or 1))
 
 
-def _duration(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _duration(counts: Counts, rule: Rule, context: Context) -> Measured:
+    extent = context.extent
     known = extent["sum timed"] > 1
-    return (extent["greatest t"] - extent["least t"]) / 1e9 if known else None
+    return Measured((extent["greatest t"] - extent["least t"]) / 1e9 if known else None)
 
 
 def _nothing(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -245,8 +255,9 @@ def _gaps(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": numbers}, at[:-1][rule.violated_by(gaps / 1e9) & (gaps > 0)])
 
 
-def _max_gap(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
-    return float(counts["rows"]["greatest gap"][0]) / 1e9 if _matches(counts) > 1 else None
+def _max_gap(counts: Counts, rule: Rule, context: Context) -> Measured:
+    known = _matches(counts) > 1
+    return Measured(float(counts["rows"]["greatest gap"][0]) / 1e9 if known else None)
 
 
 def _values(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -264,14 +275,12 @@ def _values(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": _numbers(numbers, pl.Float64)}, at[rule.violated_by(own)])
 
 
-def _value(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _value(counts: Counts, rule: Rule, context: Context) -> Measured:
     """The smallest or greatest value of a field, or its mean."""
     found = counts["rows"].row(0, named=True)
-    if not found["sum count"]:
-        return None
-    if rule.measure == "mean":
-        return float(found["sum value"] / found["sum count"])
-    return float(found["least value" if rule.measure == "min" else "greatest value"])
+    if rule.measure == "mean" and found["sum count"]:
+        return Measured(found["sum value"] / found["sum count"])
+    return Measured(found["least value" if rule.measure == "min" else "greatest value"])
 
 
 def _commands(table: Table, matches: Bools) -> pl.DataFrame:
@@ -282,17 +291,23 @@ def _commands(table: Table, matches: Bools) -> pl.DataFrame:
 
 def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
     own = _commands(table, matches)
-    counts = own.group_by("state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
+    counts = own.group_by(MOTOR, "state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
     missed = own.filter(pl.col("state") == AnswerState.UNANSWERED)["command"].to_numpy()
     return Counted({"answers": counts}, missed if rule.is_limit else _NONE)
 
 
-def _unanswered(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _unanswered(counts: Counts, rule: Rule, context: Context) -> Measured:
     """The commands without an answer; None if feedback never came before them."""
-    states = dict(counts["answers"].iter_rows())
-    decided = AnswerState.ANSWERED in states or AnswerState.UNANSWERED in states
-    is_uncovered = AnswerState.UNCOVERED in states and not decided
-    return None if is_uncovered else states.get(AnswerState.UNANSWERED, 0)
+    found, state = counts["answers"], pl.col("state")
+    asked = found.filter(state <= AnswerState.UNANSWERED)
+    if not len(asked) and (found["state"] == AnswerState.UNCOVERED).any():
+        return Measured(None)
+    missed = asked.filter(state == AnswerState.UNANSWERED).sort("sum commands", MOTOR)
+    text = ""
+    for motor, _, most in missed[-1:].select(MOTOR, "state", "sum commands").iter_rows():
+        commands = chosen(asked, motor=motor)["sum commands"].sum()
+        text = f"most of motor {motor}: {most:,} of {commands:,} commands"
+    return Measured(int(missed["sum commands"].sum()), text=text)
 
 
 def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -302,12 +317,12 @@ def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(binned("delays", all_, ["of"], "delay_ns", "end_ns"), late)
 
 
-def _delay(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _delay(counts: Counts, rule: Rule, context: Context) -> Measured:
     """Milliseconds from a command to its answer."""
     found = Durations.of(counts, "delays")
     percent = _PERCENTILES[rule.argument]
     value = found.longest_ns if percent == 100 else found.percentile_ns(percent)
-    return None if value is None else value / 1e6
+    return Measured(None if value is None else value / 1e6)
 
 
 def _online_times(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -332,52 +347,52 @@ def _online_times(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": _numbers(numbers)}, feedback[own & ~is_on])
 
 
-def _online(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
+def _online(counts: Counts, rule: Rule, context: Context) -> Measured:
     """The share of time in which a motor was online."""
     found = counts["rows"].row(0, named=True)
     if not found["sum own"]:
-        return None
-    by_time = found["sum ns"] > 0
-    return float(
-        found["sum on_ns"] / found["sum ns"] if by_time else found["sum on"] / found["sum frames"]
-    )
+        return Measured(None)
+    part, whole = ("sum on_ns", "sum ns") if found["sum ns"] > 0 else ("sum on", "sum frames")
+    return Measured(found[part] / found[whole])
 
 
 def _events(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(events.counted(table))
 
 
-def _findings(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
-    found = findings_of(counts, rule)
-    return None if found is None else len(found)
-
-
-def findings_of(counts: Counts, rule: Rule) -> list[Finding] | None:
-    """The findings that a rule counts, best first; None if they could not be examined."""
+def _findings(counts: Counts, rule: Rule, context: Context) -> Measured:
+    """The findings that a rule counts; None if they could not be examined."""
     cause, _, motor = rule.argument.partition(",")
     report = find(counts)
     if cause in report.not_covered or len(report.not_covered) == len(Cause):
-        return None
-    return [
+        return Measured(None)
+    found = [
         one
         for one in report.found
         if cause in ("", one.cause) and motor in ("", str(one.motor or motor))
     ]
+    return Measured(len(found), next(iter(found), None))
 
 
 def _compared(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(compare.counted(table))
 
 
-def _changed(counts: Counts, extent: Mapping[str, Any], rule: Rule) -> float | None:
-    raise AssertionError("verdicts compares with the baseline")
+def _changed(counts: Counts, rule: Rule, context: Context) -> Measured:
+    """The changes since the baseline; None if they could not be compared."""
+    if context.baseline is None:
+        return Measured(None)
+    found = compare.compared(context.baseline, counts)
+    changes = [one for one in found.changes if rule.argument in ("", one.measure)]
+    text = changes[0].text if changes else ""
+    return Measured(len(changes) if found.covers(rule.argument) else None, text=text)
 
 
 class Measure(NamedTuple):
     """A measure of the language."""
 
     counted: Callable[[Table, Bools, Rule], Counted]
-    value: Callable[[Counts, Mapping[str, Any], Rule], float | None]
+    value: Callable[[Counts, Rule, Context], Measured]
     example: str
     needs: str
     """What it needs to have a value: `a row`."""
@@ -385,15 +400,9 @@ class Measure(NamedTuple):
     argument: str = ""
     """The pattern of the first argument; empty if it takes only a filter."""
     like: str = ""
-    """A filter for rows like those that show a violation; the rule's operator and number follow
-    where it ends with a space."""
+    """The form of a filter for rows like those that show a violation, with the rule as `{0}`."""
     needs_all: bool = True
     """Whether rows that a filter hid would decide it."""
-
-    @property
-    def counts_events(self) -> bool:
-        """Whether its value is a number of rows that show a violation."""
-        return self.unit in ("rows", "commands")
 
 
 def _any(words: Iterable[object]) -> str:
@@ -404,14 +413,15 @@ _ROW: Final = "a row"
 _CAUSE: Final = rf"(?:{_any(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?|"
 _CHANGE: Final = rf"(?:{_any(compare.MEASURES)})|"
 _FIELD: Final = "a matching row with the field"
+_OTHER: Final = "NOT {0.argument} {0.operator} {0.number:.15g}"
 
 _OF_ROWS: Final = {
     "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows"),
     "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW),
     "rate": Measure(_matching, _rate, "rate(feedback) >= 30", "two different times", "1/s"),
     **{
-        name: Measure(_values, _value, f"{name}(rpm) <= 300", _FIELD, "", _any(FIELDS))
-        for name in ("min", "max", "mean")
+        name: Measure(_values, _value, f"{name}(rpm) <= 300", _FIELD, "", _any(FIELDS), like)
+        for name, like in {"min": _OTHER, "max": _OTHER, "mean": ""}.items()
     },
     "duration": Measure(
         *(_nothing, _duration, "duration() >= 60", "two rows with times", "s", "(?=$)")
@@ -426,7 +436,7 @@ MEASURES: Final[Mapping[str, Measure]] = {
     ),
     "delay": Measure(
         *(_delays, _delay, "delay(p95) < 20", "an answered command with times"),
-        *("ms", _any(_PERCENTILES), "answer_ms "),
+        *("ms", _any(_PERCENTILES), "NOT answer_ms {0.operator} {0.number:.15g}"),
     ),
     "unanswered": Measure(
         *(_states, _unanswered, "unanswered() == 0", "feedback before the commands"),
@@ -553,8 +563,8 @@ class Verdict(NamedTuple):
     """A filter for rows like the one that is shown; empty for all."""
     finding: Finding | None = None
     """The best finding that a failed rule counts."""
-    change: str = ""
-    """The first change that a failed rule counts."""
+    text: str = ""
+    """What a failed rule counts most: a change, or the commands of a motor."""
 
     @property
     def refuses(self) -> bool:
@@ -566,25 +576,21 @@ class Verdict(NamedTuple):
 def verdicts(total: Part, rules: Sequence[Rule], baseline: Counts | None = None) -> list[Verdict]:
     """By rule, in their order; `baseline` are the counts of `compare` to compare with."""
     counts, parts = total
-    extent, hidden = counts["extent"].row(0, named=True), counts["hidden"]["hidden_by"].to_list()
-    found = []
-    for rule, part in zip(rules, parts, strict=True):
-        kind = MEASURES[rule.measure]
-        if not extent["sum rows"]:
-            found.append(Verdict(rule, None, RuleResult.NOT_COVERED, needs=_ROW))
-        elif hidden and kind.needs_all:
-            needs = f"all rows; {hidden_text(hidden)}"
-            found.append(Verdict(rule, None, RuleResult.NOT_COVERED, needs=needs))
-        elif rule.measure == "changed":
-            found.append(_verdict_of_changes(rule, part, baseline))
-        else:
-            found.append(_verdict(rule, part, extent))
-    return found
+    hidden = counts["hidden"]["hidden_by"].to_list()
+    context = Context(
+        counts["extent"].row(0, named=True), hidden_text(hidden) if hidden else "", baseline
+    )
+    return [_verdict(rule, part, context) for rule, part in zip(rules, parts, strict=True)]
 
 
-def _verdict(rule: Rule, part: RulePart, extent: Mapping[str, Any]) -> Verdict:
-    kind = MEASURES[rule.measure]
-    value = kind.value(part.counts, extent, rule)
+def _verdict(rule: Rule, part: RulePart, context: Context) -> Verdict:
+    kind, extent = MEASURES[rule.measure], context.extent
+    if not extent["sum rows"]:
+        return Verdict(rule, None, RuleResult.NOT_COVERED, needs=_ROW)
+    if context.hidden and kind.needs_all:
+        needs = f"all rows; {context.hidden}"
+        return Verdict(rule, None, RuleResult.NOT_COVERED, needs=needs)
+    value, finding, text = kind.value(part.counts, rule, context)
     if value is None or math.isnan(value):
         # Rows in no time have no rate: the rule fails with every comparison.
         result = RuleResult.NOT_COVERED if value is None else RuleResult.FAIL
@@ -592,47 +598,19 @@ def _verdict(rule: Rule, part: RulePart, extent: Mapping[str, Any]) -> Verdict:
         return Verdict(rule, None, result, needs=kind.needs + untimed)
     if not rule.violated_by(value).any():
         return Verdict(rule, value, RuleResult.PASS)
-    finding = None
-    if rule.measure == "findings":
-        finding = next(iter(findings_of(part.counts, rule) or []), None)
-    failed = Verdict(rule, value, RuleResult.FAIL, finding=finding)
-    if not len(part.rows) or len(part.rows) < _kept(rule):
-        return failed._replace(filter=_filter_of(rule, None))
-    row = part.rows[_kept(rule) - 1]
-    return failed._replace(row=row, file=part.files[_kept(rule) - 1], filter=_filter_of(rule, row))
-
-
-def _verdict_of_changes(rule: Rule, part: RulePart, baseline: Counts | None) -> Verdict:
-    found = None if baseline is None else compare.compared(baseline, part.counts)
-    if found is None or not found.covers(rule.argument):
-        return Verdict(rule, None, RuleResult.NOT_COVERED, needs=MEASURES["changed"].needs)
-    changes = [one for one in found.changes if rule.argument in ("", one.measure)]
-    if not rule.violated_by(len(changes)).any():
-        return Verdict(rule, len(changes), RuleResult.PASS)
-    first = changes[0].text if changes else ""
-    return Verdict(rule, len(changes), RuleResult.FAIL, change=first)
+    row = part.rows[0] if len(part.rows) else None
+    shown = _filter_of(rule, row)
+    return Verdict(rule, value, RuleResult.FAIL, row, part.file, "", shown, finding, text)
 
 
 def _filter_of(rule: Rule, row: Row | None) -> str:
     """The filter for rows as the one that violates a rule."""
-    like = MEASURES[rule.measure].like
-    if rule.argument in FIELDS and rule.measure != "mean":
-        like = f"{rule.argument} "
-    if like.endswith(" "):
-        like = f"{like}{_OPPOSITE[rule.operator]} {rule.number:.15g}"
-    parts = dict.fromkeys(
-        filter(None, (like, "" if rule.measure == "max_gap" else rule.filter_text))
-    )
+    if rule.measure == "max_gap":  # all rows around the gap
+        return ""
+    found, like = rule.filter_text, MEASURES[rule.measure].like.format(rule)
     motor = row and row.values.get(MOTOR)
-    if parts and motor is not None:
-        parts[f"{MOTOR} = {motor}"] = None
-    if row is not None and row.t_ns is None:
-        parts[f"offset = {row.offset}"] = None
-    if len(parts) == 1:
-        return next(iter(parts))
-    return " AND ".join(
-        f"({part})" if re.search(r"\bor\b|\|\|", part, re.IGNORECASE) else part for part in parts
-    )
-
-
-_OPPOSITE: Final = {"==": "!=", "!=": "=", "<=": ">", ">=": "<", "<": ">=", ">": "<="}
+    if like:
+        found = both(found, like)
+    if found and motor is not None:
+        found = both(found, f"{MOTOR} = {motor}")
+    return both(found, f"offset = {row.offset}") if row and row.t_ns is None else found

@@ -1,7 +1,7 @@
 """Events of trouble, counted by window of time: what `findings` searches for spans.
 
-A window has a power of two of nanoseconds, a second or more, so that there are at most
-`MOST_WINDOWS`. A column has a number for each window:
+A window has a power of two of nanoseconds, about a second; in long recordings it is longer
+(`segments.added`). A column has a number for each window:
 
     count   `missed 3`     commands of motor 3 without an answer
     range   `target speed 3`, and of the times of events: the lowest and the highest value
@@ -29,7 +29,7 @@ from fte_sniff.analysis.relations import (
     AnswerState,
     values_at,
 )
-from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed
+from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed, width_of
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
@@ -46,8 +46,6 @@ from fte_sniff.protocol.spec import (
 
 SHIFT: Final = 30
 """The shortest window has 2 to this power of nanoseconds, about a second."""
-
-MOST_WINDOWS: Final = 1 << 14
 
 RUNNING: Final = 3
 """Frames in a row with a flag from which on it is not a flipped bit."""
@@ -319,18 +317,17 @@ class Events:
         columns, self.hidden_by = counts["windows"], counts["hidden"]["hidden_by"].to_list()
         self.extent: dict[str, Any] = counts["extent"].row(0, named=True)
         rows = columns.filter(pl.col("name") == "rows")
-        keys, shift = np.unique(rows["window"].to_numpy()), SHIFT
-        while len(keys) > MOST_WINDOWS:
-            keys, shift = np.unique(keys >> 1), shift + 1
+        keys = np.unique(rows["window"].to_numpy())
+        shift = SHIFT + (longer := width_of(keys))
         self.usual, late = _late(counts["delays"])
         """By motor and kind of command, the median answer time, nanoseconds."""
         own = pl.concat([chosen(columns, port="").drop("port"), late])
-        self.windows = Windows(own, keys, shift)
+        self.windows = Windows(own, keys >> longer, shift)
         """What is about motors."""
         self.ports = {
             port: Windows(
                 chosen(columns, port=port).drop("port"),
-                np.unique(chosen(rows, port=port)["window"].to_numpy() >> (shift - SHIFT)),
+                np.unique(chosen(rows, port=port)["window"].to_numpy() >> longer),
                 shift,
             )
             for port in rows["port"].unique(maintain_order=True)

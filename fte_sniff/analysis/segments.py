@@ -28,11 +28,14 @@ from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
 Part = TypeVar("Part")
 
-SEGMENT_ROWS: Final = 1 << 18
+SEGMENT_ROWS: Final = 1 << 16
 """Rows of a table, unless a test or the screen needs fewer."""
 
 FRAMES_BEFORE: Final = 3
 """The last frames of a stream that events of later ones may depend on."""
+
+MOST_ROWS: Final = 1 << 17
+"""Rows of counts by window of time."""
 
 UNTIMED_ROWS: Final = 1200
 """Rows without a time that count as a second: those of a full line."""
@@ -208,13 +211,27 @@ def added(parts: Iterable[pl.DataFrame]) -> pl.DataFrame:
     """Counts of several parts, in the order of time, as those of one.
 
     A column with a name such as `sum rows` is added as its first word says; `until x` is the value
-    that belongs to `greatest x`; the others are keys.
+    that belongs to `greatest x`; the others are keys. Windows of time, a key `window`, become
+    twice as long until there are at most `MOST_ROWS` rows.
     """
     frame = pl.concat(parts)
     names = [name for name in frame.columns if " " in name]
     keys = [name for name in frame.columns if name not in names]
     sums = [_sum_of(name) for name in names]
-    return frame.group_by(keys, maintain_order=True).agg(sums) if keys else frame.select(sums)
+    if not keys:
+        return frame.select(sums)
+    found = frame.group_by(keys, maintain_order=True).agg(sums)
+    while "window" in keys and len(found) > MOST_ROWS:
+        bits = 1 + width_of(found["window"].to_numpy())
+        longer = found.with_columns(pl.col("window") // (1 << bits) * (1 << bits))
+        found = longer.group_by(keys, maintain_order=True).agg(sums)
+    return found
+
+
+def width_of(windows: Ints) -> int:
+    """How often windows were made twice as long: their low bits that are all 0."""
+    common = int(np.bitwise_or.reduce(windows, initial=0)) if len(windows) > 1 else 1
+    return (common & -common).bit_length() - 1
 
 
 def _sum_of(name: str) -> pl.Expr:
@@ -244,10 +261,8 @@ def extent_of(table: Table) -> Counts:
 
 def summed(parts: Iterable[Counts]) -> dict[str, pl.DataFrame]:
     """The counts of several parts, in the order of time, as those of one; empty without parts."""
-    total = dict[str, pl.DataFrame]()
-    for part in parts:
-        total = {name: added([total[name], own]) if total else own for name, own in part.items()}
-    return total
+    found = list(parts)
+    return {name: added([part[name] for part in found]) for name in found[0]} if found else {}
 
 
 @dataclass(frozen=True, slots=True)

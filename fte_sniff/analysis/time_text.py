@@ -17,7 +17,6 @@ from difflib import get_close_matches
 from typing import Final
 
 from fte_sniff.errors import InputTextError, quoted
-from fte_sniff.protocol import iso_time
 
 SECOND_NS: Final = 1_000_000_000
 DAY_NS: Final = 86_400 * SECOND_NS
@@ -57,10 +56,14 @@ class ClockTime:
     fraction_ns: int = 0
     """Added to it, 0 to 999,999,999 ns."""
 
-    @property
-    def since_midnight_ns(self) -> int:
-        """Nanoseconds since midnight UTC; the default zone is UTC."""
-        return self.on_day_of(0, UTC) % DAY_NS
+    def since_midnight_ns(self, zone: tzinfo = UTC) -> int | None:
+        """Nanoseconds since midnight UTC; None if the offset of its zone depends on the season.
+
+        `zone` is the default zone.
+        """
+        year = datetime.now(UTC).year
+        found = {self._on(date(year, month, 1), zone) % DAY_NS for month in range(1, 13)}
+        return found.pop() if len(found) == 1 else None
 
     def on_day_of(self, t_ns: int, zone: tzinfo) -> int:
         """This time on the day of `t_ns`, nanoseconds since 1970 UTC, by default in `zone`."""
@@ -98,29 +101,6 @@ def clock_time(text: str) -> ClockTime | None:
     except ValueError:
         return None
     return ClockTime(found, _fraction_ns(fraction))
-
-
-def with_offset(text: str, zone: tzinfo) -> str:
-    """A time, or a time of day, with the offset of a zone if it has none; other texts unchanged.
-
-    Raises ValueError for a time of day, if the offset depends on the season.
-    """
-    typed = text.strip()
-    dated, of_day = _ISO.fullmatch(typed), _CLOCK.fullmatch(typed)
-    if dated and not dated[4]:
-        t_ns = time_ns(typed, zone)
-        return text if t_ns is None else iso_time(t_ns, zone)
-    if of_day and not of_day[4]:
-        year = datetime.now(zone).year
-        months = (datetime(year, month, 1, tzinfo=UTC) for month in range(1, 13))
-        offset, *others = {iso_time(_ns_of(month), zone)[_OFFSET_AT:] for month in months}
-        if others:
-            raise ValueError(text)
-        return typed + offset
-    return text
-
-
-_OFFSET_AT: Final = len("2026-01-31T12:00:00.000000000")
 
 
 def duration_ns(text: str) -> int | None:

@@ -146,8 +146,8 @@ def _details(verdict: Verdict, query: InputQuery, zone: tzinfo) -> list[str]:
     texts = [
         verdict.row and f"first {_row_text(verdict, verdict.row, query, zone)}",
         verdict.finding and f"{headline(verdict.finding, (), zone)}: {verdict.finding.text}",
+        verdict.text,
         _view_command(verdict, query),
-        verdict.change,
         verdict.needs and f"needs {verdict.needs}",
     ]
     return [printable(text) for text in texts if text]
@@ -215,7 +215,8 @@ def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
         "needs": verdict.needs or None,
         "row": row and _row(verdict, row) | view,
         "finding": found and finding_json(found) | view,
-        "change": verdict.change or None,
+        "change": (rule.measure == "changed" and verdict.text) or None,
+        "text": verdict.text or None,
     }
 
 

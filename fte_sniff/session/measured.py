@@ -31,6 +31,10 @@ STATISTICS_AND_FINDINGS: Final = Analysis(_count_both, summed)
 """What `statistics` and `find` need, counted together."""
 
 
+PARTS: Final = 4
+"""Parts that are added at once."""
+
+
 class Measurement(Generic[Part]):
     """What an analysis counted so far, also after Ctrl-C."""
 
@@ -38,7 +42,13 @@ class Measurement(Generic[Part]):
         self.analysis = analysis
         self.also: Callable[[Table], None] = lambda _table: None
         """Receives each table that is read here."""
-        self.total = analysis.count(EMPTY)
+        self._parts = [analysis.count(EMPTY)]
+
+    @property
+    def total(self) -> Part:
+        """What was counted."""
+        self._parts = [self.analysis.add(self._parts)]
+        return self._parts[0]
 
     def read(
         self, reading: InputReading, wanted: RowFilter | None = None, baud: int | None = None
@@ -69,7 +79,9 @@ class Measurement(Generic[Part]):
 
     def add(self, part: Part) -> None:
         """Add what was counted elsewhere."""
-        self.total = self.analysis.add([self.total, part])
+        self._parts.append(part)
+        if len(self._parts) > PARTS:
+            self._parts = [self.analysis.add(self._parts)]
 
 
 # The public functions

@@ -23,6 +23,7 @@ from benchmarks.findings_quality import (
     recording,
 )
 from fte_sniff.analysis import events
+from fte_sniff.analysis import segments as segments_
 from fte_sniff.analysis.findings import Cause, Report, find_in
 from fte_sniff.analysis.findings import find as find_counted
 from fte_sniff.analysis.segments import segments, summed
@@ -266,11 +267,13 @@ def test_parts_give_the_findings_of_a_single_pass(kind: str) -> None:
 
 
 def test_windows_of_a_long_recording_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(events, "MOST_WINDOWS", 256)
     rows, what = rows_with("lost")
-    found = events.Events(summed(map(events.counted, tables_of(rows))))
-    assert 128 < len(found.windows) <= 256
-    assert is_found(find(rows), what)
+    monkeypatch.setattr(segments_, "MOST_ROWS", 20_000)
+    found = summed(map(events.counted, tables_of(rows)))
+    assert 10_000 < len(found["windows"]) <= 20_000
+    assert len(found["delays"]) <= 20_000
+    assert len(events.Events(found).windows) < 400
+    assert is_found(find_counted(found).found, what)
 
 
 def slower(motor: int, delay_ms: float) -> list[Item]:

@@ -10,8 +10,8 @@ A text takes its meaning from the column that it is compared with: a time, a tim
 the contract, bytes. What cannot be compared is found by polars, which the condition is tried with.
 
 As in SQL, a comparison with a null is null, and the filter drops the row: `kind != 'speed'` drops
-damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it. Whole numbers have 64 bits: what
-could be larger is refused, by the ranges of fields and numbers.
+damage. `kind IS DISTINCT FROM 'speed'` and `NOT speed` keep it. Arithmetic is in floating-point
+numbers, which do not overflow; `&` and `|` take whole numbers of 64 bits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import tzinfo
+from datetime import UTC, tzinfo
 from difflib import get_close_matches
 from math import inf, isfinite
 from typing import Any, Final, NamedTuple
@@ -30,7 +30,7 @@ import polars as pl
 
 from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.relations import last_of, row_before, runs_of, stream_keys
-from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns, with_offset
+from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
 from fte_sniff.protocol.columns import DERIVED, PREVIOUS
@@ -81,13 +81,13 @@ _OPERATORS: Final[Mapping[str, Callable[[Any, Any], pl.Expr]]] = {
     "<=": operator.le,
     ">": operator.gt,
     ">=": operator.ge,
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
+    "+": lambda left, right: _real(left) + right,
+    "-": lambda left, right: _real(left) - right,
+    "*": lambda left, right: _real(left) * right,
     "/": lambda left, right: left / _null_if_zero(right),
-    "%": lambda left, right: left % _null_if_zero(right),
-    "&": operator.and_,
-    "|": operator.or_,
+    "%": lambda left, right: _real(left) % _null_if_zero(right),
+    "&": lambda left, right: _whole(left) & _whole(right),
+    "|": lambda left, right: _whole(left) | _whole(right),
 }
 _SAME: Final = {"==": "=", "<>": "!=", "&&": "AND", "||": "OR", "!": "NOT"}
 _MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
@@ -106,7 +106,6 @@ _TOKEN: Final = re.compile(
     | (?P<end> $ ) )""",
     re.IGNORECASE | re.VERBOSE,
 )
-_TIME: Final = next(one.name for one in COLUMNS if one.type is ColumnType.TIME)
 _TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
 _YEAR_2000_NS: Final = 946_684_800 * 10**9
 _MOST_TOKENS: Final = 600
@@ -130,12 +129,8 @@ class RowFilter:
 
         `zone` is that of times without one, by default UTC.
         """
-        expression = _Parser(text).parse()
-        if zone is not None and _TIME in expression.meta.root_names():
-            return cls.parse(in_zone(text, zone))
-        made = cls(text, frozenset(expression.meta.root_names()), expression)
-        made.matches(_TEST_ROWS)
-        return made
+        expression = _Parser(text, zone or UTC).parse()
+        return cls(text, frozenset(expression.meta.root_names()), expression)
 
     @property
     def needs_facts(self) -> bool:
@@ -302,35 +297,6 @@ class _Token(NamedTuple):
         return _SAME.get(found, found)
 
 
-def in_zone(text: str, zone: tzinfo) -> str:
-    """A filter whose times have the offset of a zone where they had none.
-
-    Raises FilterError for a time of any day, if the offset depends on the season.
-    """
-
-    def placed(match: re.Match[str]) -> str:
-        quote, inner = match.groups()
-        try:
-            return f"{quote}{with_offset(inner, zone)}{quote}"
-        except ValueError:
-            what = f"the offset of '{printable(inner)}' depends on the season"
-            fix = "write it, as in '12:00:05+01:00'"
-            raise mistake(text, match.start(), what, fix) from None
-
-    return re.sub(r"""(['"])([^'"]*)\1""", placed, text)
-
-
-def mistake(text: str, at: int, what: str, fix: str = "") -> FilterError:
-    """A mistake in a filter, with its position."""
-    before, after = printable(text[max(0, at - 24) : at]), printable(text[at : at + 24])
-    return FilterError(
-        'filter: {what} at character {at} of "{excerpt}"' + (f"; {fix}" if fix else ""),
-        what=what,
-        at=at + 1,
-        excerpt=f"{before}-->{after}",
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class _Term:
     """A part of a filter."""
@@ -344,13 +310,13 @@ class _Term:
     is_word: bool = False
     """Whether it is a word of the contract without quotes."""
     is_condition: bool = False
-    most: int | None = None
-    """The largest size of a whole number; None for others."""
+    number: float | None = None
+    """The value of a plain number."""
 
 
 class _Parser:
-    def __init__(self, text: str) -> None:
-        self._text = text
+    def __init__(self, text: str, zone: tzinfo) -> None:
+        self._text, self._zone = text, zone
         self._index = self._nested = 0
         self._tokens = [*self._tokenized()]
 
@@ -371,7 +337,16 @@ class _Parser:
         raise self._mistake(at, "too long")
 
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
-        return mistake(self._text, at, what, fix)
+        """A mistake with its position."""
+        before, after = (
+            printable(self._text[one]) for one in (slice(max(0, at - 24), at), slice(at, at + 24))
+        )
+        return FilterError(
+            'filter: {what} at character {at} of "{excerpt}"' + (f"; {fix}" if fix else ""),
+            what=what,
+            at=at + 1,
+            excerpt=f"{before}-->{after}",
+        )
 
     def _accept(self, *choices: str) -> str | None:
         found = self._tokens[self._index].word
@@ -510,16 +485,21 @@ class _Parser:
             for term in (one for one in (right, left) if one.is_word or (one.text and one is left)):
                 raise self._mistake(term.start, "a text or word is not compared with a field here")
             is_time = column is not None and column.type is ColumnType.TIME
-            if is_time and right.most is not None and right.most < _YEAR_2000_NS:
+            if is_time and right.number is not None and right.number < _YEAR_2000_NS:
                 raise self._mistake(right.start, "this is a time before the year 2000", _TIME_FIX)
             return compare(left.expr, right.expr)
         match column.type:
             case ColumnType.TIME:
                 clock = clock_time(text)
-                t_ns = time_ns(text) if clock is None else clock.since_midnight_ns
+                if clock is None:
+                    own, t_ns = left.expr, time_ns(text, self._zone)
+                else:
+                    own, t_ns = left.expr % DAY_NS, clock.since_midnight_ns(self._zone)
+                if clock is not None and t_ns is None:
+                    what = f"the offset of '{printable(text)}' depends on the season"
+                    raise self._mistake(right.start, what, "write it, as in '12:00:05+01:00'")
                 if t_ns is None or abs(t_ns) >= 2**63:
                     raise self._mistake(right.start, "this is not a time", _TIME_FIX)
-                own = left.expr if clock is None else left.expr % DAY_NS
                 return compare(own, pl.lit(t_ns, pl.Int64))
             case ColumnType.WORD | ColumnType.WORDS:
                 return self._compare_word(column, symbol, right)
@@ -572,11 +552,7 @@ class _Parser:
         left = self._value(level + 1)
         while symbol := self._accept(*_ARITHMETIC[level]):
             right = self._value(level + 1)
-            most = _most(symbol, left.most, right.most)
-            if most is not None and most >= 2**63:
-                what, fix = "this can be larger than 64 bits", "write a number as 1e18"
-                raise self._mistake(right.start, what, fix)
-            left = _Term(_OPERATORS[symbol](left.expr, right.expr), left.start, most=most)
+            left = _Term(_OPERATORS[symbol](left.expr, right.expr), left.start)
         return left
 
     def _arguments(self) -> list[_Term]:
@@ -591,7 +567,8 @@ class _Parser:
         token = self._tokens[self._index]
         if self._accept("-"):
             inner = self._within(self._primary)
-            return _Term(-inner.expr, token.start, most=inner.most)
+            number = None if inner.number is None else -inner.number
+            return _Term(-inner.expr, token.start, number=number)
         if self._accept("("):
             found = self._within(self._or)
             self._expect(")")
@@ -619,20 +596,15 @@ class _Parser:
 
     def _field(self, column: Column, start: int) -> _Term:
         own = pl.col(column.name)
-        if column.type not in (ColumnType.TIME, ColumnType.INT):
-            return _Term(own, start, column)
-        bits = min(column.bits - column.signed, 62)
-        return _Term(own.cast(pl.Int64), start, column, most=1 << bits)
+        return _Term(own.cast(pl.Int64) if column.type is ColumnType.TIME else own, start, column)
 
     def _number(self, token: _Token) -> _Term:
         is_whole = re.fullmatch(r"\d+|0[xb].*", token.text, re.IGNORECASE)
-        value: int | float = (
-            float(token.text) if not is_whole else int(token.text, _base(token.text))
-        )
+        value: float = float(token.text) if not is_whole else int(token.text, _base(token.text))
         if value >= 2**63 if is_whole else not isfinite(value):
             raise self._mistake(token.start, "this number is too large")
         number = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
-        return _Term(number, token.start, most=int(value) if is_whole else None)
+        return _Term(number, token.start, number=value)
 
     def _call(self, name: str, start: int) -> _Term:
         items = self._arguments()
@@ -643,21 +615,20 @@ class _Parser:
         except (TypeError, KeyError):
             fix = f"write {FUNCTIONS[name].example}"
             raise self._mistake(start, f"{name} takes other values", fix) from None
-        known = [one.most for one in items if one.most is not None]
-        return _Term(expr, start, most=max(known) if len(known) == len(items) else None)
+        return _Term(expr, start)
 
 
 def _base(number: str) -> int:
     return {"x": 16, "b": 2}.get(number[1:2].lower(), 10)
 
 
-def _most(symbol: str, left: int | None, right: int | None) -> int | None:
-    """The largest size of the result of an operator on whole numbers."""
-    if left is None or right is None or symbol == "/":
-        return None
-    if symbol == "*":
-        return left * right
-    return left + right if symbol in "+-" else (1 << max(left, right).bit_length()) - 1
+def _real(number: pl.Expr) -> pl.Expr:
+    return number.cast(pl.Float64)
+
+
+def _whole(number: pl.Expr) -> pl.Expr:
+    """A number for operators of bits; null if it is larger than 64 bits."""
+    return number.cast(pl.Int64, strict=False)
 
 
 def _null_if_zero(divisor: pl.Expr) -> pl.Expr:

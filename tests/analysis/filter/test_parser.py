@@ -70,7 +70,6 @@ MISTAKES: list[tuple[str, int, str]] = [
     ("time IN (1769860800000000000, 5)", 31, ""),
     ("time BETWEEN 10 AND 20", 14, ""),
     ("12 IS DISTINCT FROM time", 1, ""),
-    ("time > 2 * 60", 8, ""),
     ("time > 12:00:05", 10, ""),
     ("time > '9999-01-01'", 8, "is not a time"),
     ("time LIKE '2026%'", 1, ""),
@@ -130,10 +129,6 @@ MISTAKES: list[tuple[str, int, str]] = [
     ("-" * 500 + "1 = 1", 27, "nested too deeply"),
     ("abs(" * 200 + "rpm", 105, "nested too deeply"),
     ("motor = 1 OR " * 300 + "noise", 1950, "too long"),
-    ("pulses * 9223372036854775807 > 0", 10, "larger than 64 bits"),
-    ("rpm * 4611686018427387904 * 4 = 0", 7, "larger than 64 bits"),
-    ("rpm + 9223372036854775807 < 0", 7, "larger than 64 bits"),
-    ("-9223372036854775807 - rpm < 0", 24, "larger than 64 bits"),
 ]
 """Mistakes, each with the position of the character that the message names, and a part of it."""
 
@@ -161,11 +156,13 @@ def test_mistake_is_reported_with_its_position(text: str, at: int, part: str) ->
     [
         ("pulses * pulses > 1e17", [False, False, False]),
         ("rpm * 1e300 > 1", [True, False, False]),
-        ("offset + 4000000000000000000 > 4000000000000000000", [False, True, True]),
+        ("rpm * 9223372036854775807 > 0", [True, False, False]),
+        ("-9223372036854775807 - rpm < 0", [True, False, False]),
+        ("(rpm * 9223372036854775807 & 1) IS NULL", [True, True, True]),
         ("abs(rpm) * 1000000000000 = 1000000000000000", [True, False, False]),
     ],
 )
-def test_numbers_below_the_limit_do_not_wrap(text: str, rows: list[bool]) -> None:
+def test_arithmetic_does_not_wrap(text: str, rows: list[bool]) -> None:
     assert RowFilter.parse(text).matches(Rows.of(ROWS)).tolist() == rows
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from datetime import timedelta, timezone
 from typing import TypeAlias
 
 import pytest
@@ -347,6 +348,21 @@ def test_any_condition_follows_three_valued_logic(condition: tuple[str, Predicat
     text, predicate = condition
     expected = [predicate(record(row)) is True for row in ROWS.values()]
     assert RowFilter.parse(text).matches(Rows.of(ROWS.values())).tolist() == expected
+
+
+CHINA = timezone(timedelta(hours=8))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time = '2026-01-01 20:00:05' OR time = '20:00:06'",
+        "time IN ('2026-01-01T12:00:05Z', '12:00:06Z')",
+    ],
+)
+def test_time_without_a_zone_is_in_that_of_the_user(text: str) -> None:
+    wanted = RowFilter.parse(text, CHINA).matches(Rows.of(ROWS.values()))
+    assert [name for name, one in zip(ROWS, wanted, strict=True) if one] == ["fb", "pfb"]
 
 
 def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
