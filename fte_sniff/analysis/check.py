@@ -179,7 +179,7 @@ def _numbers(values: Mapping[str, int | float | None], kind: Any = pl.Int64) -> 
 # The measures
 
 
-class Context(NamedTuple):
+class RuleContext(NamedTuple):
     """What a value depends on besides the counts of its rule."""
 
     extent: Mapping[str, Any]
@@ -210,15 +210,15 @@ def _matches(counts: Counts) -> int:
     return int(counts["rows"]["sum matches"][0])
 
 
-def _count(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _count(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     return Measured(_matches(counts))
 
 
-def _share(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _share(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     return Measured(_matches(counts) / int(context.extent["sum rows"]))
 
 
-def _rate(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _rate(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """Matching rows per second; NaN if the duration is unknown or 0."""
     seconds = _duration(counts, rule, context).value
     if not seconds and _matches(counts):
@@ -226,7 +226,7 @@ def _rate(counts: Counts, rule: Rule, context: Context) -> Measured:
     return Measured(_matches(counts) / (seconds or 1))
 
 
-def _duration(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _duration(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     extent = context.extent
     known = extent["sum timed"] > 1
     return Measured((extent["greatest t"] - extent["least t"]) / 1e9 if known else None)
@@ -255,7 +255,7 @@ def _gaps(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": numbers}, at[:-1][rule.violated_by(gaps / 1e9) & (gaps > 0)])
 
 
-def _max_gap(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _max_gap(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     known = _matches(counts) > 1
     return Measured(float(counts["rows"]["greatest gap"][0]) / 1e9 if known else None)
 
@@ -275,7 +275,7 @@ def _values(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": _numbers(numbers, pl.Float64)}, at[rule.violated_by(own)])
 
 
-def _value(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _value(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """The smallest or greatest value of a field, or its mean."""
     found = counts["rows"].row(0, named=True)
     if rule.measure == "mean" and found["sum count"]:
@@ -296,7 +296,7 @@ def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"answers": counts}, missed if rule.is_limit else _NONE)
 
 
-def _unanswered(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _unanswered(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """The commands without an answer; None if feedback never came before them."""
     found, state = counts["answers"], pl.col("state")
     asked = found.filter(state <= AnswerState.UNANSWERED)
@@ -317,7 +317,7 @@ def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(binned("delays", all_, ["of"], "delay_ns", "end_ns"), late)
 
 
-def _delay(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _delay(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """Milliseconds from a command to its answer."""
     found = Durations.of(counts, "delays")
     percent = _PERCENTILES[rule.argument]
@@ -347,7 +347,7 @@ def _online_times(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted({"rows": _numbers(numbers)}, feedback[own & ~is_on])
 
 
-def _online(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _online(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """The share of time in which a motor was online."""
     found = counts["rows"].row(0, named=True)
     if not found["sum own"]:
@@ -360,7 +360,7 @@ def _events(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(events.counted(table))
 
 
-def _findings(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _findings(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """The findings that a rule counts; None if they could not be examined."""
     cause, _, motor = rule.argument.partition(",")
     report = find(counts)
@@ -378,7 +378,7 @@ def _compared(table: Table, matches: Bools, rule: Rule) -> Counted:
     return Counted(compare.counted(table))
 
 
-def _changed(counts: Counts, rule: Rule, context: Context) -> Measured:
+def _changed(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     """The changes since the baseline; None if they could not be compared."""
     if context.baseline is None:
         return Measured(None)
@@ -392,7 +392,7 @@ class Measure(NamedTuple):
     """A measure of the language."""
 
     counted: Callable[[Table, Bools, Rule], Counted]
-    value: Callable[[Counts, Rule, Context], Measured]
+    value: Callable[[Counts, Rule, RuleContext], Measured]
     example: str
     needs: str
     """What it needs to have a value: `a row`."""
@@ -577,13 +577,13 @@ def verdicts(total: Part, rules: Sequence[Rule], baseline: Counts | None = None)
     """By rule, in their order; `baseline` are the counts of `compare` to compare with."""
     counts, parts = total
     hidden = counts["hidden"]["hidden_by"].to_list()
-    context = Context(
+    context = RuleContext(
         counts["extent"].row(0, named=True), hidden_text(hidden) if hidden else "", baseline
     )
     return [_verdict(rule, part, context) for rule, part in zip(rules, parts, strict=True)]
 
 
-def _verdict(rule: Rule, part: RulePart, context: Context) -> Verdict:
+def _verdict(rule: Rule, part: RulePart, context: RuleContext) -> Verdict:
     kind, extent = MEASURES[rule.measure], context.extent
     if not extent["sum rows"]:
         return Verdict(rule, None, RuleResult.NOT_COVERED, needs=_ROW)
