@@ -47,7 +47,6 @@ from fte_sniff.errors import (
     shortened,
     unreadable,
 )
-from fte_sniff.formats.known_files import refuse_binary
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
 from fte_sniff.session.following import Following, followed
@@ -60,8 +59,7 @@ from fte_sniff.session.inputs import (
     InputReading,
     Progress,
     chunk_input,
-    kind_of_content,
-    kind_of_file,
+    kind_of,
     log_input,
     recording_input,
     size_of,
@@ -78,6 +76,9 @@ if TYPE_CHECKING:
     from fte_sniff.session.notes import Notes
 
 STDIN = Path("-")
+
+_FIRST: Final = 4096
+"""Bytes that show the format of a file."""
 
 # Names of files
 
@@ -584,7 +585,7 @@ def _opened(path: Path, query: InputQuery) -> Input:
 
 def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> Input:
     name = STDIN_NAME if path == STDIN else str(path)
-    kind = query.kind or (kind_of_file(path) if stream is None else _kind_of(stream, name))
+    kind = query.kind or kind_of(name, _first_bytes(path, stream))
     if kind is InputKind.MCAP:
         from fte_sniff.recording.reader import Recording
 
@@ -621,14 +622,19 @@ def _stream_of(path: Path) -> BufferedReader | None:
     return BufferedReader(_InterruptiblePipe(path)) if path.is_fifo() else None
 
 
-def _kind_of(stream: BufferedReader, name: str) -> InputKind:
-    first = stream.peek(1)
-    refuse_binary(name, first)
-    return KIND_OF_SUFFIX.get(Path(name).suffix.lower()) or kind_of_content(first)
+def _first_bytes(path: Path, stream: BufferedReader | None = None) -> bytes:
+    """Bytes that show the format; they stay in a stream. Raises FileError."""
+    if stream is not None:
+        return stream.peek(1)
+    try:
+        with path.open("rb") as file:
+            return file.read(_FIRST)
+    except OSError as error:
+        raise unreadable(path, error) from error
 
 
 def _topics(path: Path, topics: tuple[str, ...]) -> Input:
-    if path == STDIN or kind_of_file(path) is not InputKind.MCAP:
+    if path == STDIN or kind_of(str(path), _first_bytes(path)) is not InputKind.MCAP:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     from fte_sniff.recording.foreign_topic import topic_chunks
 

@@ -90,8 +90,7 @@ def _measure_elsewhere(
         own = replace(own, since=iso_time(span.first_ns), until=iso_time(span.end_ns), zone=None)
     named = Path if query.cluster is None else _absolute
     groups = [
-        replace(own, files=tuple(named(one.name) for one in group.inputs))
-        for group in reading.groups
+        replace(own, files=tuple(named(one.name) for one in group)) for group in reading.groups
     ]
     with executor_of(jobs, query.cluster) as executor:
         count = partial(_measure_group, measurement.analysis)

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from contextlib import closing
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from shlex import quote
-from typing import Self
+
+import serial
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diagnose
 from fte_sniff.capture.discovery import (
@@ -39,7 +41,6 @@ from fte_sniff.capture.serial_port import (
     request_low_latency,
 )
 from fte_sniff.errors import PortError, printable
-from fte_sniff.platform import TerminalError
 from fte_sniff.protocol import Direction
 
 _ROOT = Path("/")
@@ -90,18 +91,33 @@ def check_port(
 
     With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
     """
-    baud = settings.baud
-    with LineListener(name, settings) as listener:
-        yield capability_finding(name, latency_timer_ms(listener.device or name))
-        yield ok(name, listener.errors.description)
-        sample = listener.listen(seconds, _ENOUGH_BYTES)
-        if sample.line_errors:
-            what = f"line errors while listening: {sample.line_errors}"
+    with closing(open_port(name, settings)) as port:
+        errors = LineErrors(name, counters_of(port))
+        request_low_latency(port)
+        yield capability_finding(name, latency_timer_ms(device_of(port) or name))
+        yield ok(name, errors.description)
+        data = heard(name, port, seconds, _ENOUGH_BYTES)
+        errors.spans(data)
+        for event in errors.report(0, at_end=True):
+            what = f"line errors while listening: {event.detail}"
             yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
-        verdict = diagnose(sample.data)
-        yield verdict_finding(name, baud, verdict)
-        if probe:
-            yield _probe(name, baud, listener, verdict)
+    verdict = diagnose(data)
+    yield verdict_finding(name, settings.baud, verdict)
+    if probe:
+        yield _probe(name, settings, verdict)
+
+
+def heard(name: str, port: serial.Serial, seconds: float, enough: int) -> bytes:
+    """Read for `seconds`, or until there are `enough` bytes; raises PortError on a loss."""
+    read, data, deadline = reader_of(port), bytearray(), time.monotonic() + seconds
+    while len(data) < enough and time.monotonic() < deadline:
+        try:
+            data += read()
+        except OSError as error:
+            raise PortError(
+                f"{printable(name)} was lost: {one_line(error)}; check cable and power"
+            ) from error
+    return bytes(data)
 
 
 # Adapters
@@ -170,73 +186,6 @@ def capability_finding(device: str, timer_ms: int | None) -> Diagnosis:
 
 
 # The line
-
-
-@dataclass(frozen=True, slots=True)
-class LineSample:
-    """What was received while listening to a port."""
-
-    data: bytes
-    line_errors: str
-    """How many errors of each kind the UART counted; empty for none."""
-
-
-_SETTLE_S = 0.05
-"""Time after a change of baud in which bytes may still be of the old baud."""
-
-_UNLIMITED = 2**63
-
-
-class LineListener:
-    """An open port that is listened to for limited times."""
-
-    def __init__(self, name: str, settings: PortSettings) -> None:
-        """Open the port as a capture does; raises PortError if that fails."""
-        self._name = name
-        self._port = open_port(name, settings)
-        self.device = device_of(self._port)
-        self.errors = LineErrors(name, counters_of(self._port))
-        request_low_latency(self._port)
-        self._read = reader_of(self._port)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._port.close()
-
-    def listen(self, seconds: float, enough: int) -> LineSample:
-        """Read for `seconds`, or until there are `enough` bytes; raises PortError on a loss."""
-        data = b"".join(self._reads(seconds, enough))
-        self.errors.spans(data)
-        counted = self.errors.report(0, at_end=True)
-        return LineSample(data, counted[0].detail if counted else "")
-
-    def sample(self, baud: int, seconds: float, enough: int) -> bytes | None:
-        """As `listen`, at another baud, which stays set, and without line errors.
-
-        Returns None if the baud cannot be set; raises PortError if the port was lost.
-        """
-        try:
-            self._port.baudrate = baud
-        except (OSError, ValueError, TerminalError):
-            return None
-        for _ in self._reads(_SETTLE_S, _UNLIMITED):
-            pass
-        return b"".join(self._reads(seconds, enough))
-
-    def _reads(self, seconds: float, enough: int) -> Iterator[bytes]:
-        count = 0
-        deadline = time.monotonic() + seconds
-        while count < enough and time.monotonic() < deadline:
-            try:
-                data = self._read()
-            except OSError as error:
-                raise PortError(
-                    f"{printable(self._name)} was lost: {one_line(error)}; check cable and power"
-                ) from error
-            count += len(data)
-            yield data
 
 
 _WIRE = {
@@ -317,18 +266,23 @@ _PROBE_BYTES = 400
 """Bytes after which a probe tries the next baud."""
 
 
-def _probe(port: str, baud: int, listener: LineListener, verdict: LineDiagnosis) -> Diagnosis:
+def _probe(port: str, settings: PortSettings, verdict: LineDiagnosis) -> Diagnosis:
     if verdict.condition is LineCondition.SOUND:
         return ok(port, "probe: not needed, the baud is right")
     if verdict.condition is LineCondition.SILENT:
         return warn(port, "probe: nothing comes that could be probed", "let the device send")
-    found: dict[int, LineDiagnosis] = {}
-    for candidate in sorted(COMMON_BAUDS, key=lambda other: max(other / baud, baud / other)):
-        data = listener.sample(candidate, _PROBE_S, _PROBE_BYTES)
-        if data is not None and (judged := diagnose(data)).has_frames:
-            found[candidate] = judged
-            if judged.condition is LineCondition.SOUND:
-                break
+    found, own = dict[int, LineDiagnosis](), settings.baud
+    for baud in sorted(COMMON_BAUDS, key=lambda other: max(other / own, own / other)):
+        try:
+            opened = open_port(port, replace(settings, baud=baud))
+        except PortError:  # it cannot have this baud
+            continue
+        with closing(opened):
+            judged = diagnose(heard(port, opened, _PROBE_S, _PROBE_BYTES))
+        if judged.has_frames:
+            found[baud] = judged
+        if judged.condition is LineCondition.SOUND:
+            break
     return probe_finding(port, found)
 
 

@@ -1,16 +1,14 @@
-"""Chunks of several ports as rows in the order of time: logs, raw bytes.
+"""Chunks of several ports as rows in the order of the chunks: logs, raw bytes.
 
-Each port has its framer. A row waits until no other port can have an earlier one:
+Each port has its framer. A row waits until no other port can have one of an earlier chunk:
 
-    tx  ──t1────────t3───────────      t3 waits: rx has undecided bytes from t2 on
-    rx  ────────t2··
-
-Rows without times come in the order of the chunks that hold their first bytes.
+    tx  ──1────────3───────────      3 waits: rx has undecided bytes from chunk 2 on
+    rx  ────────2··
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -21,14 +19,13 @@ from fte_sniff.errors import FteSniffError, unreadable
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
-    HEADERS,
     Chunk,
-    Direction,
     Fault,
     Framer,
     byte_time_ns,
 )
-from fte_sniff.protocol.rows import Ints, Rows
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.session.merge import EVER, Lane, Merge
 
 SPAN_BYTES: Final = 1 << 19
 """Bytes that are framed before their rows are yielded."""
@@ -62,7 +59,7 @@ def raw_chunks(
 def rows_of_chunks(
     chunks: Iterable[Chunk], note: Callable[[str], None], baud: int = DEFAULT_BAUD
 ) -> Iterator[Rows]:
-    """Frame chunks, and merge the rows of their ports by time.
+    """Frame chunks; rows of several ports come in the order of the chunks that begin them.
 
     A chunk without bytes says that the next ones are not there yet: rows do not wait for them.
 
@@ -74,104 +71,74 @@ def rows_of_chunks(
 
     Raises what the chunks raise, after the rows before it.
     """
-    wires, held, size, failure = dict[str, _Wire](), _Held(), 0, None
+    wires, merge, size, failure = dict[str, _Wire](), Merge(), 0, None
     try:
         for number, chunk in enumerate(chunks):
             if chunk.data:
                 if chunk.port not in wires:
-                    wires[chunk.port] = _Wire(chunk.port, baud)
+                    wires[chunk.port] = wire = _Wire(chunk.port, baud)
+                    merge.lanes.append(wire.lane)
                 wires[chunk.port].push(chunk, number)
                 size += len(chunk.data)
             if size >= SPAN_BYTES or (size and not chunk.data):
                 size = 0
-                yield from held.released(wires.values())
+                yield from _decided(merge, wires.values(), number)
     except FteSniffError as error:
         failure = error
     for wire in wires.values():
         wire.framer.end()
-    yield from held.released(wires.values())
+    yield from _decided(merge, wires.values(), EVER)
     if failure is not None:
         raise failure
     for text in _remarks([*wires.values()], baud):
         note(text)
 
 
-_NO_KEYS: Final = np.empty((0, 2), np.int64)
+def _decided(merge: Merge, wires: Iterable[_Wire], number: int) -> Iterator[Rows]:
+    """The rows that are decided and in order, if there are any, after the chunk of this number."""
+    for wire in wires:
+        wire.drain(number)
+    for rows in merge.take(final=number == EVER or merge.waiting > _MOST_HELD):
+        assert isinstance(rows, Rows)
+        yield rows
 
 
 class _Wire:
-    """One port: its framer, and the chunks whose bytes are in no row yet."""
+    """One port: its framer, its rows, and the chunks whose bytes are in no row yet."""
 
     def __init__(self, port: str, baud: int) -> None:
-        self.port, self.framer = port, Framer(port, baud)
-        self.size = 0
-        self.span_ns: tuple[int, int] | None = None
+        self.port, self.framer, self.lane = port, Framer(port, baud), Lane()
+        self.size = self.frames = 0
+        self.times: list[int] = []
         """The first and the last time."""
-        self.frames = dict.fromkeys(Direction, 0)
         self.last: Rows | None = None
         """The rows that were decided last."""
-        self._stops: list[int] = []
-        self._keys: list[tuple[int, int]] = []
-        """The offset after each chunk, its time, and its number."""
+        self._chunks: list[tuple[int, int]] = []
+        """The offset after each chunk, and its number."""
 
     def push(self, chunk: Chunk, number: int) -> None:
         """Frame a chunk."""
         self.framer.push(chunk)
         self.size += len(chunk.data)
-        self._stops.append(self.size)
+        self._chunks.append((self.size, number))
         if chunk.t_ns is not None:
-            first, last = self.span_ns or (chunk.t_ns, chunk.t_ns)
-            self.span_ns = first, max(last, chunk.t_ns)
-        self._keys.append((self.span_ns[1] if self.span_ns else 0, number))
+            self.times[1:] = [max([*self.times, chunk.t_ns])]
 
-    def drain(self) -> tuple[Rows, Ints]:
-        """The rows that were decided, and their keys; shape (rows, 2)."""
-        rows = self.framer.drain()
-        if not len(rows):
-            return rows, _NO_KEYS
-        self.last = rows
-        for direction, header in HEADERS.items():
-            self.frames[direction] += int((rows.framed & (rows.raw[:, 0] == header)).sum())
-        own = np.searchsorted(self._stops, rows.offset, "right")
-        keys = np.array(self._keys, np.int64)[own]
-        decided = int(rows.offset[-1]) + int(rows.length[-1])
-        done = int(np.searchsorted(self._stops, decided, "right"))
-        del self._stops[:done], self._keys[:done]
-        return rows, keys
+    def drain(self, number: int) -> None:
+        """Put the rows that were decided into the lane, by the numbers of their chunks."""
+        if len(rows := self.framer.drain()):
+            self.last = rows
+            self.frames += int(rows.framed.sum())
+            stops, numbers = np.array(self._chunks).T
+            self.lane.put(rows, numbers[np.searchsorted(stops, rows.offset, "right")])
+            decided = int(rows.offset[-1]) + int(rows.length[-1])
+            del self._chunks[: int(np.searchsorted(stops, decided, "right"))]
+        self.lane.reached = self._chunks[0][1] if self._chunks else number
 
     def share(self, baud: int) -> float:
         """The share of the time between the first and the last chunk that all bytes take."""
-        first, last = self.span_ns or (0, 0)
-        return self.size * byte_time_ns(baud) / (last - first) if last > first else 0
-
-    @property
-    def waits_from(self) -> tuple[int, int] | None:
-        """The key of the first chunk with undecided bytes; None if all are decided."""
-        return self._keys[0] if self._keys else None
-
-
-class _Held:
-    """Rows that wait for those of other ports."""
-
-    def __init__(self) -> None:
-        self._rows: list[Rows] = []
-        self._keys: list[Ints] = []
-
-    def released(self, wires: Collection[_Wire]) -> Iterator[Rows]:
-        """The rows that are decided and in order, if there are any."""
-        drained = [wire.drain() for wire in wires]
-        rows = Rows.concat([*self._rows, *(one for one, _ in drained)])
-        keys = np.concatenate([*self._keys, *(own for _, own in drained), _NO_KEYS])
-        order = np.lexsort((keys[:, 1], keys[:, 0]))
-        waiting = [wire.waits_from for wire in wires if wire.waits_from]
-        count = len(order)
-        if waiting and len(wires) > 1 and count <= _MOST_HELD:
-            t_ns, number = min(waiting)
-            times, numbers = keys[order].T
-            count = int(((times < t_ns) | ((times == t_ns) & (numbers < number))).sum())
-        self._rows, self._keys = [rows.select(order[count:])], [keys[order[count:]]]
-        if count:
-            yield rows.select(order[:count])
+        span_ns = self.times[-1] - self.times[0] if self.times else 0
+        return self.size * byte_time_ns(baud) / span_ns if span_ns else 0
 
 
 # What is remarkable
@@ -181,16 +148,12 @@ _LOW: Final = 0.5
 _DENSE: Final = 2.0
 """Share of the time that bytes take, from which on their times are wrong."""
 _MANY_BYTES: Final = 100
-_SWAPPED: Final = 0.9
-"""Of the frames of both directions, how many go the other way if the wires are swapped."""
-_WAYS: Final = {"tx": ("sent", Direction.CONTROL), "rx": ("received", Direction.FEEDBACK)}
-"""By the end of a port's name, what the host that writes a log does with the frames."""
 
 
 def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
     """What is remarkable about all bytes, one line each."""
     size = sum(wire.size for wire in wires)
-    in_frames = FRAME_LENGTH * sum(sum(wire.frames.values()) for wire in wires)
+    in_frames = FRAME_LENGTH * sum(wire.frames for wire in wires)
     ports = [wire.port for wire in wires]
     # The wires of a log are named by it, those of an MCAP file by their topics.
     name = (ports[0].rpartition(":")[0] if len(ports) > 1 else "") or ", ".join(ports)
@@ -199,7 +162,6 @@ def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
             f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"
             " recording, or say with --input-regex where the bytes of a log are"
         )
-    yield from _against(name, wires)
     share = max((wire.share(baud) for wire in wires if wire.size >= _MANY_BYTES), default=0)
     if share > _DENSE:
         yield (
@@ -213,23 +175,3 @@ def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
                 f"{wire.port}: ends in the middle of a frame ({len(row.raw)} of"
                 f" {FRAME_LENGTH} bytes)"
             )
-
-
-def _against(name: str, wires: Iterable[_Wire]) -> Iterator[str]:
-    """Which directions frames contradict."""
-    known = [(wire, *_WAYS[way]) for wire in wires if (way := wire.port[-2:]) in _WAYS]
-    against = [
-        (count, f"{word}, header {HEADERS[direction]:02X} says {direction}")
-        for wire, word, own in known
-        for direction, count in wire.frames.items()
-        if direction is not own and count
-    ]
-    wrong = sum(count for count, _ in against)
-    total = sum(sum(wire.frames.values()) for wire, *_ in known)
-    if against:
-        is_swapped = len(known) > 1 and wrong > _SWAPPED * total
-        otherwise = "the wires are swapped" if is_swapped else "a word names no direction"
-        yield (
-            f"{name}: {wrong:,} of {total:,} frames go the other way than the log says"
-            f" ({against[0][1]}): this is normal in the log of a tap; otherwise {otherwise}"
-        )

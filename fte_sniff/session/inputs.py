@@ -33,7 +33,6 @@ from fte_sniff.errors import (
     InputTextError,
     TranslatableText,
     UsageError,
-    unreadable,
 )
 from fte_sniff.formats.known_files import refuse_binary
 from fte_sniff.formats.log_text import is_text
@@ -41,7 +40,6 @@ from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
     Chunk,
-    Direction,
     Gap,
     GapKind,
     PortEvent,
@@ -66,8 +64,6 @@ if TYPE_CHECKING:
 # The format of an input
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
-_FIRST = 4096
-"""Bytes that show the format of a file."""
 
 
 class InputKind(StrEnum):
@@ -93,32 +89,16 @@ KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
 """By file name suffix, in lower case."""
 
 
-def kind_of_file(path: Path) -> InputKind:
-    """Return the format of a file by its suffix, or by its first bytes if it is MCAP or text.
+def kind_of(name: str, first: bytes) -> InputKind:
+    """The format of a file or stream by the suffix of its name, else by its first bytes.
 
-    Raises FileError if it cannot be read, or is known to hold no bytes of the wire; UsageError if
-    its format is unknown.
+    Text is hex, and what is neither MCAP nor text is raw bytes. Raises FileError if it is known to
+    hold no bytes of the wire.
     """
-    try:
-        with path.open("rb") as file:
-            first = file.read(_FIRST)
-    except OSError as error:
-        raise unreadable(path, error) from error
-    refuse_binary(str(path), first)
-    named = KIND_OF_SUFFIX.get(path.suffix.lower())
+    refuse_binary(name, first)
+    named = KIND_OF_SUFFIX.get(Path(name).suffix.lower())
     if named is not None:
         return named
-    found = kind_of_content(first)
-    if first and found is not InputKind.RAW:
-        return found
-    names = ", ".join(KIND_OF_SUFFIX)
-    raise UsageError(
-        f"{path}: its name does not show its format ({names}); use --input {'|'.join(InputKind)}"
-    )
-
-
-def kind_of_content(first: bytes) -> InputKind:
-    """Guess the format of a stream by its first bytes: text is hex, anything else raw bytes."""
     if first.startswith(_MCAP_MAGIC):
         return InputKind.MCAP
     return InputKind.HEX if is_text(first) else InputKind.RAW
@@ -466,23 +446,14 @@ def with_facts(items: Iterable[Item]) -> Iterator[Item]:
 
 # Inputs that belong together
 
-_SURE: Final = 20
-"""Frames after which a wire is known to carry one direction."""
 
+def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Sequence[Input]]:
+    """Inputs of one line: the files of a capture, one after the other; with `pair`, all.
 
-@dataclass(frozen=True, slots=True)
-class Group:
-    """Inputs of one line: the files of a capture, one after the other, or both wires."""
-
-    inputs: Sequence[Input]
-    is_pair: bool = False
-    """Whether they are wires that were recorded at the same time."""
-
-
-def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Group]:
-    """The inputs that belong together, in the order of their first ones; with `pair`, all do."""
-    if len(inputs) > 1 and (pair or _are_both_wires(inputs)):
-        return [Group(inputs, is_pair=True)]
+    The groups are in the order of their first inputs.
+    """
+    if pair:
+        return [inputs]
     chains: dict[int, list[Input]] = {}
     by_next: dict[Part, list[Input]] = {}
     for one in sorted(inputs, key=lambda one: one.part.number if one.part else 0):
@@ -493,36 +464,7 @@ def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Group]:
         if one.part:
             by_next[one.part.next] = chain
     order = {id(one): place for place, one in enumerate(inputs)}
-    return [Group(chains[key]) for key in sorted(chains, key=lambda key: order[key])]
-
-
-def _are_both_wires(inputs: Sequence[Input]) -> bool:
-    """Whether two recordings are, without doubt, the wires of one line."""
-    if len(inputs) != 2 or any(one.path is None or len(one.ports) != 1 for one in inputs):
-        return False
-    (first, second), spans = inputs, [one.times() for one in inputs]
-    if first.ports[0].name == second.ports[0].name or None in spans:
-        return False
-    (start, stop), (later, end) = spans  # type: ignore[misc]
-    if stop is None or end is None or later > stop or start > end:
-        return False
-    ways = [_direction_of(one) for one in inputs]
-    return None not in ways and ways[0] is not ways[1]
-
-
-def _direction_of(one: Input) -> Direction | None:
-    """The direction that the first frames of an input all have; None if there are too few."""
-    items = one.read(None, lambda _note: None)
-    found = Counter[int]()
-    with suppress(FteSniffError):
-        for item in items:
-            if isinstance(item, Rows):
-                found.update(item.directions[item.framed & (item.faults == 0)].tolist())
-            if found.total() >= _SURE:
-                break
-    items.close()  # type: ignore[attr-defined]
-    (way, count), *others = found.most_common(2) or [(0, 0)]
-    return tuple(Direction)[way] if count >= _SURE and not others else None
+    return [chains[key] for key in sorted(chains, key=lambda key: order[key])]
 
 
 # The reading of several inputs
@@ -572,7 +514,7 @@ class InputReading:
         # The first time of a single input is not needed.
         self._first_ns = {id(one): one.first_ns() if inputs[1:] else None for one in inputs}
         self.inputs = sorted(inputs, key=self._order)
-        self.groups = groups_of(self.inputs, pair=pair)
+        self.groups, self._is_pair = groups_of(self.inputs, pair=pair), pair
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)
@@ -591,8 +533,6 @@ class InputReading:
         """Is called with the name of each input, or of both of a pair, before its first item."""
         self._last_ns: int | None = None
         """Latest time of all rows so far."""
-        self._written_ns: int | None = None
-        """Latest time of the rows that match."""
         self._open_gap: Gap | None = None
         """A gap whose end is not known yet."""
         self.reported_gaps: list[Gap] = []
@@ -636,7 +576,7 @@ class InputReading:
         The rows of inputs without times come last.
         """
         items = merged(
-            Timed(self._first_ns[id(group.inputs[0])], partial(self._selected, group))
+            Timed(self._first_ns[id(group[0])], partial(self._selected, group))
             for group in self.groups
         )
         for item in items:
@@ -644,11 +584,10 @@ class InputReading:
             if isinstance(item, Rows) and self.written == self.limit:
                 items.close()  # type: ignore[attr-defined]  # the inputs note what is known of them
                 break
-        self._clip_gaps()
         if self.row_filter is not None:
             self._all_selections.append(Selection(self.row_filter.text, self.tally.rows))
 
-    def _selected(self, group: Group, is_beside: bool = False) -> Iterator[Item]:
+    def _selected(self, group: Sequence[Input], is_beside: bool = False) -> Iterator[Item]:
         """The items of a group with the facts of its rows, of which only those that match."""
         items = self._items_of(group, is_beside)
         for item in self._counted(with_facts(items) if self._has_facts else items):
@@ -661,30 +600,30 @@ class InputReading:
         if self.limit is not None and len(rows) > self.limit - self.written:
             rows = rows[: self.limit - self.written]
         self.written += len(rows)
-        if (times := rows.span_ns) is not None:
-            self._written_ns = max(self._written_ns or 0, times[1])
         return rows
 
-    def _items_of(self, group: Group, is_beside: bool) -> Iterator[Item]:
+    def _items_of(self, group: Sequence[Input], is_beside: bool) -> Iterator[Item]:
         """The items of a group, without its filter: gaps, changes of the baud, all rows."""
-        bauds = {} if self._baud else _bauds_of(group.inputs)
+        bauds = {} if self._baud else _bauds_of(group)
         yield from (BaudChange(port, baud) for port, baud in bauds.items())
-        if group.is_pair:
-            self.on_input(" + ".join(one.name for one in group.inputs))
+        if self._is_pair:
+            self.on_input(" + ".join(one.name for one in group))
             items = merged(
-                Timed(self._first_ns[id(one)], partial(self._read, one)) for one in group.inputs
+                Timed(self._first_ns[id(one)], partial(self._read, one)) for one in group
             )
         else:
-            items = self._chained(group.inputs)
+            items = self._chained(group)
         yield from EventEffects(bauds).of(self._begun(items, group, is_beside))
 
-    def _begun(self, items: Iterable[Item], group: Group, is_beside: bool) -> Iterator[Item]:
+    def _begun(
+        self, items: Iterable[Item], group: Sequence[Input], is_beside: bool
+    ) -> Iterator[Item]:
         """The items, with a gap before them unless they go on where the last rows ended.
 
         Beside other inputs it is one of their own ports only.
         """
         begins, has_begun = list[Gap](), False
-        ports = [port.name for one in group.inputs for port in one.ports] if is_beside else [None]
+        ports = [port.name for one in group for port in one.ports] if is_beside else [None]
         for port in dict.fromkeys(ports):
             begins.append(Gap(GapKind.OTHER_RECORDING, reason=_ANOTHER, port=port, port_lost=False))
         selected = list[Gap]()
@@ -761,14 +700,6 @@ class InputReading:
         self._last_ns = max(times[1], last_ns or 0)
         if gap is not None and last_ns is not None and times[0] - last_ns > 1:
             self._gaps.append(gap._replace(start_ns=last_ns + 1, end_ns=times[0] - 1))
-
-    def _clip_gaps(self) -> None:
-        """Limit the gaps to the times of the rows; the filter makes no gaps."""
-        first_ns = None if self.span is None else self.span.first_ns
-        last_ns = None if self.span is None else self.span.end_ns - 1
-        if self.written == self.limit:
-            last_ns = self._written_ns or 0
-        self._gaps[:] = self.source.within(first_ns, last_ns).gaps
 
 
 _ANOTHER: Final = TranslatableText("another recording begins here")

@@ -161,7 +161,7 @@ def _measured(
 ) -> tuple[Part, InputReading]:
     reading = InputReading([recording_input(Recording(path)) for path in recordings_in(paths)])
     measurement = Measurement(analysis)
-    groups = [[Path(one.name) for one in group.inputs] for group in reading.groups]
+    groups = [[Path(one.name) for one in group] for group in reading.groups]
     if executor is None:
         measurement.read(reading)
     for total, counts in mapped(partial(_of_group, analysis), groups, executor) if executor else ():

@@ -37,9 +37,14 @@ class Lane:
     _items: deque[tuple[Item, Ints]] = field(default_factory=deque)
     """Each with the keys of its rows, or its own."""
 
-    def put(self, item: Item) -> None:
-        """Append an item; an event has the key of its time, a gap that of the item before it."""
-        if isinstance(item, Rows):
+    def put(self, item: Item, keys: Ints | None = None) -> None:
+        """Append an item; an event has the key of its time, a gap that of the item before it.
+
+        Other keys than times never fall.
+        """
+        if keys is not None:
+            pass
+        elif isinstance(item, Rows):
             keys = np.maximum.accumulate(np.maximum(item.t_ns, self.last))
         else:
             t_ns = item.t_ns if isinstance(item, PortEvent) else self.last

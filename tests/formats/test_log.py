@@ -295,18 +295,6 @@ def test_few_bytes_in_frames_are_reported() -> None:
     assert not any("in frames" in note for note in notes)
 
 
-@pytest.mark.parametrize(("swapped", "otherwise"), [(True, "are swapped"), (False, "no direction")])
-def test_frames_against_the_directions_are_reported(swapped: bool, otherwise: str) -> None:
-    frames = [(one.way, spaced(one.data)) for one in a_log(0)]
-    text = "".join(
-        f"{'TX' if (way == 'rx') == swapped else 'RX'}: {data}\n" for way, data in frames[:20]
-    )
-    if not swapped:
-        text += "".join(f"TX: {data}\n" for way, data in frames if way == "rx")
-    _, notes = rows_of(text)
-    assert any("frames go the other way than the log says" in n and otherwise in n for n in notes)
-
-
 # Times
 
 

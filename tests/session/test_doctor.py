@@ -1,21 +1,17 @@
 from __future__ import annotations
 
-import termios
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
 from fte_sniff.capture.discovery import Holder, PortListing
-from fte_sniff.capture.line_errors import LineErrors
-from fte_sniff.capture.serial_port import PortSettings
+from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction, LineErrorCounts
-from fte_sniff.session.doctor import (
-    LineListener,
-    probe_finding,
-    verdict_finding,
-)
+from fte_sniff.session import doctor
+from fte_sniff.session.doctor import check_port, heard, probe_finding, verdict_finding
 from tests.beside import Work
 
 
@@ -53,53 +49,31 @@ SETTINGS = PortSettings()
 
 
 def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
-    with LineListener(pty.device, SETTINGS) as listener:
+    with closing(open_port(pty.device)) as port:
         pty.send(b"x" * 500)
-        heard = listener.listen(FOR_EVER_S, 500)
-    assert (heard.data, heard.line_errors) == (b"x" * 500, "")
+        assert heard(pty.device, port, FOR_EVER_S, 500) == b"x" * 500
+        assert heard(pty.device, port, 0.05, 1) == b""
     assert pty.arrived() == b""
 
 
-def test_silence_is_heard_for_as_long_as_was_asked(pty):
-    with LineListener(pty.device, SETTINGS) as listener:
-        assert listener.listen(0.05, 1).data == b""
-
-
-def test_line_errors_are_reported_with_the_received_bytes(pty):
+def test_line_errors_are_reported_with_the_received_bytes(pty, monkeypatch):
     counters = iter([LineErrorCounts(framing=3), LineErrorCounts(framing=5)])
-    with LineListener(pty.device, SETTINGS) as listener:
-        listener.errors = LineErrors(pty.device, lambda: next(counters))
-        pty.send(b"abc")
-        heard = listener.listen(FOR_EVER_S, 3)
-    assert (heard.data, heard.line_errors) == (b"abc", "2 framing")
-
-
-def test_a_sample_is_taken_at_another_baud_with_the_same_care(pty, until):
-    with LineListener(pty.device, SETTINGS) as listener:
-        found = []
-        sampling = Work(lambda: found.append(listener.sample(57_600, FOR_EVER_S, 4)))
-        until(lambda: pty.attributes()[4] == termios.B57600)
-        # What comes at once may still be of the old baud, and is not taken.
-        until(lambda: pty.send(b"\xff\x00\xff\xff") or found)
-        sampling.ended()
-        iflag, oflag, _, lflag, *_ = pty.attributes()
-    assert set(found[0]) == {0xFF, 0x00}
-    assert not iflag & (termios.BRKINT | termios.PARMRK | termios.IGNPAR | termios.ICRNL)
-    assert not oflag & termios.OPOST
-    assert not lflag & (termios.ECHO | termios.ICANON)
-    assert pty.arrived() == b""
+    monkeypatch.setattr(doctor, "counters_of", lambda _port: lambda: next(counters))
+    found = [one.what for one in check_port(pty.device, SETTINGS, 0.05, probe=False)]
+    assert found[1:3] == ["line errors counted", "line errors while listening: 2 framing"]
 
 
 def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):
-    with LineListener(pty.device, SETTINGS) as listener:
+    with closing(open_port(pty.device)) as port:
         Work(pty.unplug)
         with pytest.raises(PortError, match=r"was lost: .*; check cable and power"):
-            listener.listen(FOR_EVER_S, 1)
+            heard(pty.device, port, FOR_EVER_S, 1)
 
 
-def test_a_baud_that_a_port_cannot_have_is_passed_over():
-    with LineListener("sim://?seed=1&rate=1000&wire=feedback", SETTINGS) as listener:
-        assert len(listener.listen(FOR_EVER_S, 100).data) >= 100
-        # A line of 9600 baud cannot carry what is simulated here.
-        assert listener.sample(9600, FOR_EVER_S, 100) is None
-        assert len(listener.sample(230_400, FOR_EVER_S, 100)) >= 100
+def test_a_probe_passes_over_a_baud_that_a_port_cannot_have(monkeypatch):
+    monkeypatch.setattr(doctor, "COMMON_BAUDS", (9600, 230_400))
+    few = replace(SETTINGS, baud=460_800)
+    judged = [LineCondition.SOUND, LineCondition.UNREADABLE]
+    monkeypatch.setattr(doctor, "diagnose", lambda data: LineDiagnosis(judged.pop(), len(data), 1))
+    *_, found = check_port("sim://?seed=1&rate=1000&wire=feedback", few, 0.1, probe=True)
+    assert found.fix == "fte-sniff live 'sim://?seed=1&rate=1000&wire=feedback' --baud 230400"

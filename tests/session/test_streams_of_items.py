@@ -136,13 +136,12 @@ def recorded(path: Path, *entries: Rows | PortEvent, **options: int) -> Input:
     return recording_input(Recording(recorder.path))
 
 
-def test_two_wires_in_two_files_are_paired(tmp_path: Path) -> None:
+def test_two_files_are_one_line_only_as_a_pair(tmp_path: Path) -> None:
     control = recorded(tmp_path / "c.mcap", rows_at("c", *range(SECOND, 90 * SECOND, SECOND)))
     answers = rows_at("r", *range(SECOND + 9, 90 * SECOND, SECOND), frame=bytes(10))
     other = recorded(tmp_path / "r.mcap", answers)
-    assert [one.is_pair for one in groups_of([control, other], pair=True)] == [True]
-    later = recorded(tmp_path / "l.mcap", rows_at("c", *range(200 * SECOND, 210 * SECOND, SECOND)))
-    assert [one.is_pair for one in groups_of([control, later])] == [False, False]
+    assert groups_of([control, other], pair=True) == [[control, other]]
+    assert groups_of([control, other]) == [[control], [other]]
 
 
 def test_several_inputs_are_read_in_the_order_of_time_and_counted_once(tmp_path: Path) -> None:
