@@ -11,7 +11,6 @@ import struct
 import termios
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from itertools import cycle
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -59,17 +58,6 @@ class Terminal:
         while not all(text.encode() in self.drawn[start:] for text in wanted):
             drawn = self._draw(deadline - monotonic())
             assert drawn, f"waited for {wanted} after {self.drawn[-2000:]!r}"
-
-    def ended_by(self, *keys: str) -> int:
-        """Type the keys in turn, each after the program has drawn, until it ends; the exit code."""
-        deadline = monotonic() + BOUND_S
-        with suppress(OSError):  # the program may end before a key is typed
-            for again in cycle(keys):
-                if self.process.poll() is not None or monotonic() > deadline:
-                    break
-                self.type(again)
-                self._draw(1)
-        return self.ended()
 
     def ended(self) -> int:
         """Wait for the end; returns the exit code."""

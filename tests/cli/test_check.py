@@ -21,7 +21,6 @@ from tests.support.recorded_rows import write_recording
 MS = 1_000_000
 START_NS = 1_700_000_000 * 10**9
 BAD = "count(malformed) == 0"
-UNCOVERED = "max(rpm, kind IS NULL) < 9"
 
 
 def write(path: Path, rows: list[Row]) -> Path:

@@ -12,7 +12,6 @@ from fte_sniff.cli.main import COMMANDS
 from tests.beside import running
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S
-from tests.cli.terminals import terminal
 from tests.slow import first
 
 pytestmark = pytest.mark.program
@@ -49,38 +48,6 @@ def test_nothing_heavy_is_imported(environment, arguments: list[str]) -> None:
     printed, loaded = _heavy_modules(environment, arguments)
     assert printed
     assert loaded == "[]"
-
-
-def test_a_recording_is_read_without_loading_what_logs_need(environment: dict[str, str]) -> None:
-    """Logs need many regular expressions."""
-    logs = ("fte_sniff.formats.log", "fte_sniff.formats.log_times")
-    assert _heavy_modules(environment, ["decode", CLEAN, "--limit", "1"], logs)[1] == "[]"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "needed"),
-    [
-        (["view", SAMPLES / "damaged.mcap"], set(HEAVY) - {"serial"}),
-        (["live", "sim://?rate=500", "--no-record"], set(HEAVY)),
-    ],
-    ids=["view", "live"],
-)
-def test_a_screen_begins_with_what_its_first_rows_need(
-    environment, tmp_path: Path, arguments: list[str | Path], needed: set[str]
-) -> None:
-    reported = tmp_path / "loaded"
-    program = (
-        "import atexit, pathlib, sys\nfrom fte_sniff.cli import main\n"
-        f"def tell(): pathlib.Path({str(reported)!r}).write_text('\\n'.join(sys.modules))\n"
-        "atexit.register(tell)\nmain()"
-    )
-    with terminal(
-        environment, tmp_path, *map(str, arguments), program=[sys.executable, "-c", program]
-    ) as screen:
-        screen.until("speed")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert needed == {name for name in reported.read_text().splitlines() if name in HEAVY}
 
 
 def test_help_of_every_command(run) -> None:

@@ -11,25 +11,20 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from mcap.records import Metadata
 
 import fte_sniff
 from fte_sniff.protocol import (
     KIND_BY_NAME,
-    Gap,
-    GapKind,
     PortEvent,
     PortEventKind,
     byte_time_ns,
     encode,
 )
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
 from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
-from tests.support.columns import entries
 from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
@@ -75,18 +70,6 @@ def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
     assert max(map(len, reported[0].splitlines())) > 80
 
 
-def pieces(run, source: Path, folder: Path) -> list[Path]:
-    """A recording cut into three, by time."""
-    folder.mkdir()
-    cuts = [(), ("--from", "+10s"), ("--from", "+30s")], [("--to", "+10s"), ("--to", "+30s"), ()]
-    found = []
-    # Names whose order is not that of their times.
-    for name, since, until in zip("bca", *cuts, strict=True):
-        found.append(folder / f"{name}.mcap")
-        run("decode", source, *since, *until, "-o", found[-1])
-    return found
-
-
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
     write_recording(path, [port], [Rows.of(rows)], {}, events)
 
@@ -94,45 +77,6 @@ def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: lis
 def speed(port: str, at: int, t: int) -> fte_sniff.Row:
     raw = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 5})
     return fte_sniff.Row(port, 10 * at, raw, t)
-
-
-def with_gaps(path: Path, rows: list[fte_sniff.Row]) -> None:
-    """A recording without the rows whose hundred of rpm is odd."""
-    kept = [row for row in rows if row.values["rpm"] // 100 % 2 == 0]
-    with RecordingWriter(path, [PortFacts("p")]) as writer:
-        writer.write(*entries(kept))
-        for first in (100, 300):
-            own = rows[first].t_ns, rows[first + 99].t_ns
-            gap = gap_to_metadata(Gap(GapKind.LEFT_OUT, 100, *own, "they were left out"))
-            writer.write_metadata(Metadata(LEFT_OUT_NAME, gap))
-
-
-def test_nothing_is_measured_across_what_was_left_out(run, tmp_path: Path) -> None:
-    start, step = 10**18, SECOND // 100
-    raws = [encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": at}) for at in range(500)]
-    rows = [fte_sniff.Row("p", 10 * at, raw, start + at * step) for at, raw in enumerate(raws)]
-    with_gaps(tmp_path / "a.mcap", rows)
-    reported = numbers(run, "a.mcap")
-    assert [
-        (one["rows"], t_ns(one["first_time"]), t_ns(one["last_time"]))
-        for one in reported["left_out"]
-    ] == [(100, start + first * step, start + (first + 99) * step) for first in (100, 300)]
-    (port,), taken = reported["ports"], 10 * BYTE_NS
-    assert port["rows_per_s"] == pytest.approx(100)
-    assert port["line_use"] == pytest.approx(100 * taken / (99 * step + taken))
-    assert port["silences"]["count"] == 3 * 99
-    assert port["silences"]["longest_s"] == pytest.approx((step - taken) / SECOND)
-    (stream,) = port["streams"]
-    assert stream["frames_per_s"] == pytest.approx(100)
-    assert stream["period"]["longest_s"] == step / SECOND
-    motor = reported["motors"][0]
-    # The wire of the answers was not recorded.
-    assert (motor["commands"], motor["unanswered"], motor["neither"]) == (300, None, 300)
-    text = run("stats", "a.mcap").stdout
-    assert "left out   200 rows in 2 places: they were left out\n" in text
-    assert "200 rows in 2 places left out when recorded" in run("decode", "a.mcap").stderr
-    some = numbers(run, "a.mcap", "--from", "+2.5s", "--filter", "rpm > 250")
-    assert [one["rows"] for one in some["left_out"]] == [100]
 
 
 def test_the_commands_of_a_motor_add_up(samples: Path) -> None:

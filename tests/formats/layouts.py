@@ -21,7 +21,6 @@ class Sent(NamedTuple):
 Layout = Callable[[Sequence[Sent]], str]
 
 UPPER = "{:02X}".format
-LOWER = "{:02x}".format
 
 
 def clock(ms: int, digits: int = 3) -> str:
