@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import takewhile
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
 from fte_sniff.protocol.columns import spaced_hex
@@ -38,8 +38,7 @@ _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
-_HEADERS_TEXT = listed((f"{header:02X}" for header in HEADER_BYTES), Joint.OR)
-_TAIL_TEXT = f"{TAIL:02X}"
+_HEADERS = [f"{header:02X}" for header in HEADER_BYTES]
 _LAYOUTS = [
     [(kind, kind.legal_bytes(open_reserve=0)) for kind in KINDS],
     [(kind, kind.legal_bytes()) for kind in KINDS],
@@ -84,26 +83,26 @@ class ExplainedField(NamedTuple):
 
 def dissect(row: Row) -> list[ExplainedField]:
     """Explain every byte of the row once, in order (docs/reference/protocol.md, "Frames")."""
+    size, faults = len(row.raw), row.faults
     if row.framed:
         return [_decoded(row, slot) for slot in _layout(row.kind)]
-    size, faults = len(row.raw), row.faults
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
         kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
         return list(_undecoded_slots(row, kind, range(FRAME_LENGTH)))
-    if 0 < size < FRAME_LENGTH and Fault.TRUNCATED in faults:
-        return list(_spliced(row, Fault.TRUNCATED))
-    if size > FRAME_LENGTH and Fault.OVERLONG in faults:
-        return list(_spliced(row, Fault.OVERLONG))
+    length_fault = Fault.TRUNCATED if size < FRAME_LENGTH else Fault.OVERLONG
+    if length_fault in faults and size != FRAME_LENGTH:
+        return list(_spliced(row, length_fault))
     fault = Fault.NOISE if Fault.NOISE in faults else next(iter(faults), None)
     return [_explained(row, range(size), "noise", fault=fault)]
 
 
 def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row; empty if it has none."""
-    kind = row.kind
     return [
         TranslatableText(
-            "{fault}: {meaning}", fault=fault.value, meaning=_fault_meaning(fault, kind)
+            "{fault}: {meaning}",
+            fault=fault.value,
+            meaning=TranslatableText(FAULT_MEANINGS[fault]),
         )
         for fault in row.faults
     ]
@@ -136,21 +135,12 @@ def _layout(kind: FrameKind | None) -> tuple[_Slot, ...]:
 
 
 def _explained(
-    row: Row,
-    offsets: range,
-    name: str,
-    meaning: str = "",
-    *,
-    value: str = "",
-    fault: Fault | None = None,
-    note: str = "",
-    bits: tuple[ExplainedBit, ...] = (),
-    is_raised: bool = False,
+    row: Row, offsets: range, name: str, meaning: str = "", **more: Any
 ) -> ExplainedField:
-    if fault not in row.faults:
-        fault, note = None, ""
+    """Adjacent bytes of the row; a fault that the row does not have is left out, with its note."""
     raw = row.raw[offsets.start : offsets.stop]
-    return ExplainedField(offsets, raw, name, value, meaning, fault, note, bits, is_raised)
+    found = ExplainedField(offsets, raw, name, meaning=meaning, **more)
+    return found if found.fault in row.faults else found._replace(fault=None, note="")
 
 
 def _expected(expected: object, found: object) -> TranslatableText:
@@ -159,55 +149,46 @@ def _expected(expected: object, found: object) -> TranslatableText:
 
 def _decoded(row: Row, slot: _Slot) -> ExplainedField:
     offsets, name, _, field = slot
+    kind, byte = row.kind, row.raw[offsets.start]
     if field is not None:
         return _flags(row, field) if field.legal_bits is not None else _number(row, field)
-    match name:
-        case "cmd":
-            return _cmd(row)
-        case "reserve" if row.kind is not None:
-            return _reserve(row, row.kind)
-        case "num" if row.kind is not None:
-            meaning = TranslatableText("NUM: any value, it means nothing here")
-            return _explained(row, offsets, name, meaning, value=str(row.raw[offsets.start]))
-        case "num" | "payload":
-            return _explained(row, offsets, name, TranslatableText("unknown under this CMD"))
-    return _undecoded(row, slot, offsets)
+    if name == "cmd":
+        return _cmd(row, kind)
+    if name == "header":
+        direction = DIRECTION_OF_HEADER[byte]
+        meaning = _HEADER_MEANINGS[direction]
+        return _explained(row, offsets, name, meaning, value=direction.value)
+    if name == "tail":
+        return _explained(row, offsets, name, slot.meaning)
+    if kind is None:
+        return _explained(row, offsets, name, TranslatableText("unknown under this CMD"))
+    if name == "reserve":
+        return _reserve(row, kind)
+    meaning = TranslatableText("NUM: any value, it means nothing here")
+    return _explained(row, offsets, name, meaning, value=str(byte))
 
 
-def _cmd(row: Row) -> ExplainedField:
-    kind = row.kind
+def _cmd(row: Row, kind: FrameKind | None) -> ExplainedField:
+    meaning, cmds = "CMD", [cmd for head, cmd in KIND_BY_HEADER_AND_CMD if head == row.raw[0]]
     if kind is not None:
         meaning = TranslatableText(
             "CMD: {kind}, {meaning}", kind=kind.name, meaning=TranslatableText(kind.meaning)
         )
-        return _explained(row, range(1, 2), "cmd", meaning, value=str(row.cmd))
-    legal = sorted(f"{cmd:02X}" for header, cmd in KIND_BY_HEADER_AND_CMD if header == row.raw[0])
-    note = TranslatableText(
-        "the protocol has no CMD {cmd} for {way}; it has {legal}",
-        cmd=f"{row.raw[CMD_OFFSET]:02X}",
-        way=DIRECTION_OF_HEADER[row.raw[0]].value,
-        legal=listed(legal),
-    )
-    return _explained(
-        row, range(1, 2), "cmd", "CMD", value=str(row.cmd), fault=Fault.UNKNOWN_CMD, note=note
-    )
+    note = _expected(listed((f"{cmd:02X}" for cmd in sorted(cmds)), Joint.OR), f"{row.cmd:02X}")
+    fault = None if kind else Fault.UNKNOWN_CMD
+    return _explained(row, range(1, 2), "cmd", meaning, value=str(row.cmd), fault=fault, note=note)
 
 
 def _reserve(row: Row, kind: FrameKind) -> ExplainedField:
     offsets = kind.reserved
     raw = row.raw[offsets.start : offsets.stop]
     wanted = bytes([kind.reserve or 0x00]) * len(raw)
-    texts = {"wanted": spaced_hex(wanted), "found": spaced_hex(raw)}
-    if kind.reserve is None:
-        meaning = TranslatableText("reserve: no meaning; the protocol states no value")
-        note = TranslatableText(
-            "expected {wanted} as on the rest of this line, found {found}", **texts
-        )
-    else:
+    meaning = TranslatableText("reserve: no meaning; the protocol states no value")
+    if kind.reserve is not None:
         meaning = TranslatableText(
             "reserve: no meaning; the protocol shows {byte}", byte=f"{kind.reserve:02X}"
         )
-        note = TranslatableText("expected {wanted} as in the protocol, found {found}", **texts)
+    note = _expected(spaced_hex(wanted), spaced_hex(raw))
     fault = None if raw == wanted else Fault.RESERVED_NONZERO
     return _explained(row, offsets, "reserve", meaning, fault=fault, note=note)
 
@@ -217,19 +198,17 @@ def _number(row: Row, field: Field) -> ExplainedField:
     meaning = TranslatableText(
         "{meaning} ({range})", meaning=TranslatableText(field.meaning), range=field.range_text
     )
-    legal = field.is_legal(value)
     number = _explained(
         row,
         field.offsets,
         field.name,
         meaning,
         value=f"{value} {field.unit}".rstrip(),
-        fault=None if legal else field.fault,
-        note="" if legal else _expected(field.range_text, value),
+        fault=None if field.is_legal(value) else field.fault,
+        note=_expected(field.range_text, value),
     )
-    if value and field.erratum:
-        return number._replace(note=TranslatableText(field.erratum))
-    return number
+    erratum = TranslatableText(field.erratum) if value and field.erratum else ""
+    return number._replace(note=erratum or number.note)
 
 
 def _flags(row: Row, field: Field) -> ExplainedField:
@@ -239,9 +218,8 @@ def _flags(row: Row, field: Field) -> ExplainedField:
         "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
     )
     bits = (
-        ExplainedBit(number, is_set, _has(raised, number), *_bit_meaning(field, number, is_set))
-        for number in range(8)
-        for is_set in [_has(byte, number)]
+        ExplainedBit(bit, _has(byte, bit), _has(raised, bit), *_bit_meaning(field, byte, bit))
+        for bit in range(8)
     )
     return _explained(
         row,
@@ -260,38 +238,32 @@ def _has(byte: int, bit: int) -> bool:
     return bool(byte >> bit & 1)
 
 
-def _bit_meaning(field: Field, number: int, is_set: bool) -> tuple[str, str]:
-    if field.legal_bits is not None and not field.legal_bits >> number & 1:
+def _bit_meaning(field: Field, byte: int, bit: int) -> tuple[str, str]:
+    """The label and the meaning of a bit of a flag byte."""
+    if not _has(field.legal_bits or 0, bit):
         return TranslatableText("undefined"), TranslatableText("undefined")
-    if field.role is Role.ONLINE:
-        number = next(motor for motor in MOTORS if motor_bit(motor) == number)
-        motor = TranslatableText("motor {number}", number=number)
-        return motor, TranslatableText(
-            "{motor} {state} (assumption: the protocol does not say which bit is which motor)",
-            motor=motor,
-            state=TranslatableText("online") if is_set else TranslatableText("not online"),
-        )
-    return TranslatableText("unknown"), TranslatableText(
-        "meaning unknown: the protocol does not say"
+    if field.role is not Role.ONLINE:
+        unknown = TranslatableText("meaning unknown: the protocol does not say")
+        return TranslatableText("unknown"), unknown
+    number = next(motor for motor in MOTORS if motor_bit(motor) == bit)
+    motor = TranslatableText("motor {number}", number=number)
+    return motor, TranslatableText(
+        "{motor} {state} (assumption: the protocol does not say which bit is which motor)",
+        motor=motor,
+        state=TranslatableText("online") if _has(byte, bit) else TranslatableText("not online"),
     )
 
 
 def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
-    byte = row.raw[offsets.start]
-    if slot.name == "tail":
-        fault = None if byte == TAIL else Fault.BAD_TAIL
-        note = _expected(_TAIL_TEXT, f"{byte:02X}")
-        return _explained(row, offsets, "tail", slot.meaning, fault=fault, note=note)
-    if slot.name == "header":
-        if row.framed:
-            direction = DIRECTION_OF_HEADER[byte]
-            meaning = _HEADER_MEANINGS[direction]
-            return _explained(row, offsets, "header", meaning, value=direction.value)
-        if byte in HEADER_BYTES:  # in damage it may be any byte: the row has no direction
-            return _explained(row, offsets, "header", slot.meaning)
-        note = _expected(_HEADERS_TEXT, f"{byte:02X}")
-        return _explained(row, offsets, "header", slot.meaning, fault=Fault.BAD_HEADER, note=note)
-    return _explained(row, offsets, slot.name, slot.meaning)
+    """Bytes of a damaged frame: only a wrong header or tail is at fault."""
+    byte = f"{row.raw[offsets.start]:02X}"
+    fault, wanted = {
+        "header": (Fault.BAD_HEADER, _HEADERS),
+        "tail": (Fault.BAD_TAIL, [f"{TAIL:02X}"]),
+    }.get(slot.name, (None, []))
+    note = _expected(listed(wanted, Joint.OR), byte) if wanted else ""
+    own = None if byte in wanted else fault
+    return _explained(row, offsets, slot.name, slot.meaning, fault=own, note=note)
 
 
 def _undecoded_slots(
@@ -363,14 +335,3 @@ def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
 def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
     pairs = zip(raw, legal, strict=False)
     return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
-
-
-def _fault_meaning(fault: Fault, kind: FrameKind | None) -> TranslatableText:
-    """The meaning of a fault in a frame of that kind."""
-    if fault is not Fault.RESERVED_NONZERO or kind is None:
-        return TranslatableText(FAULT_MEANINGS[fault])
-    if kind.reserve is None:
-        return TranslatableText("the reserve is not 00, unlike on the rest of this line")
-    return TranslatableText(
-        "the reserve is not {byte}, which the protocol shows there", byte=f"{kind.reserve:02X}"
-    )
