@@ -227,8 +227,9 @@ def _in_turn(work: dict[str, Callable[[], Cost]], rounds: int) -> dict[str, Cost
 READ = """
 import sys
 from pathlib import Path
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.reader import Recording
-print(sum(len(batch.rows) for batch in Recording(Path(sys.argv[1])).batches()))
+print(sum(len(one) for one in Recording(Path(sys.argv[1])).items() if isinstance(one, Rows)))
 """
 
 
