@@ -6,13 +6,12 @@ The observers print plain lines or show the screen.
 from __future__ import annotations
 
 import re
-import signal
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, tzinfo
+from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
@@ -31,7 +30,7 @@ from fte_sniff.cli.input_files import (
     row_filter,
     summary,
 )
-from fte_sniff.cli.live_data import Datagrams, address_of, data_options
+from fte_sniff.cli.live_data import Datagrams, data_options, local
 from fte_sniff.cli.options import (
     Seconds,
     alert_of,
@@ -46,8 +45,14 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FteSniffError, UsageError, printable, quoted, size_text
-from fte_sniff.formats.writers import ALL_COLUMNS, FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.errors import UsageError, printable, quoted, size_text
+from fte_sniff.formats.writers import (
+    ALL_COLUMNS,
+    FORMAT_BY_SUFFIX,
+    TEXT_FORMATS,
+    OutputFormat,
+    RowWriter,
+)
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
 from fte_sniff.recording.output_file import Existing
@@ -65,72 +70,32 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_LINE_WORDS = click.Choice(["on", "off"])
-
-
 _DURATION = Seconds(min=0, min_open=True)
-
-_BYTES = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
-_BYTES |= {"ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
-_SIZE = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*((?:[kmgt]i?)?)b?", re.IGNORECASE)
-_MEGA_OR_MINUTES = re.compile(r"\d+(?:\.\d+)?\s*m")
+_SIZE = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*(?:([kmgt]?)b)?", re.IGNORECASE)
 _MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
-_MIN_SECONDS = 1.0
 
 
-def _size(text: str) -> int | None:
-    """Bytes; None for `none`."""
-    found = _SIZE.fullmatch(text)
-    if found is None and text.lower() != "none":
-        raise click.BadParameter(
-            f"{quoted(text)} is not a size; use for example 512MB, 2GB or none"
-        )
-    return None if found is None else round(float(found[1]) * _BYTES[found[2].lower()])
+def _size(text: str) -> int:
+    """The bytes of `512MB`."""
+    if (found := _SIZE.fullmatch(text)) is None:
+        raise click.BadParameter(f"{quoted(text)} is not a size; use for example 512MB or 2GB")
+    return round(float(found[1]) * 10.0 ** (3 * " kmgt".index((found[2] or " ").lower())))
 
 
-def _rotate(text: str) -> dict[str, int | float | None]:
-    """What begins the next file, as fields of `RecordingOptions`."""
-    if _MEGA_OR_MINUTES.fullmatch(text):
-        number = text[:-1].strip()
-        raise click.BadParameter(f"{quoted(text)} is ambiguous; write {number}MB or {number}min")
+def _rotate(text: str) -> dict[str, Any]:
+    """What begins the next file, as a field of `RecordingOptions`."""
     if _SIZE.fullmatch(text):
         return {"rotate_bytes": _size(text)}
     seconds = parse_seconds(text)
-    if seconds is None or seconds > _MOST_SECONDS:
+    if seconds is None or not 1 <= seconds <= _MOST_SECONDS:
         raise click.BadParameter(
-            f"{quoted(text)} is neither a size nor a time; use for example 512MB or 1h"
+            f"{quoted(text)} is neither a size nor a time from 1s; use for example 512MB or 1h"
         )
     return {"rotate_s": seconds}
 
 
-def _parsed_by(parse: Callable[[str], object]) -> Callable[..., object]:
-    return lambda _context, _option, text: None if text is None else parse(text)
-
-
-recording_options = (
-    click.option(
-        "--rotate",
-        callback=_parsed_by(_rotate),
-        metavar="SIZE|TIME",
-        help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ....",
-    ),
-    click.option(
-        "--max-size",
-        callback=_parsed_by(_size),
-        metavar="SIZE",
-        help="Keep the newest rows: files of this total size, the oldest are deleted.",
-    ),
-    click.option(
-        "--min-free",
-        callback=_parsed_by(_size),
-        metavar="SIZE",
-        help="Leave this much free on the disk: recording waits for space.  "
-        f"[default: {size_text(DEFAULT_FREE_BYTES).replace(' ', '')},"
-        " less on a small or full disk]",
-    ),
-)
-"""Options of a recording; `options_from` reads them."""
+_LINE_WORDS = click.Choice(["on", "off"])
 
 capture_options = all_of(
     click.option(
@@ -150,7 +115,26 @@ capture_options = all_of(
             is_flag=True,
             help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
         ),
-        *recording_options,
+        click.option(
+            "--rotate",
+            type=_rotate,
+            metavar="SIZE|TIME",
+            help="Begin the next file at 512MB, or after 1h: NAME_00001.mcap, NAME_00002.mcap ....",
+        ),
+        click.option(
+            "--max-size",
+            type=_size,
+            metavar="SIZE",
+            help="Keep the newest rows: files of this total size, the oldest are deleted.",
+        ),
+        click.option(
+            "--min-free",
+            type=_size,
+            metavar="SIZE",
+            help="Leave this much free on the disk: recording waits for space.  "
+            f"[default: {size_text(DEFAULT_FREE_BYTES).replace(' ', '')},"
+            " less on a small or full disk]",
+        ),
     ),
     in_group(
         "Rows that are shown",
@@ -185,25 +169,6 @@ capture_options = all_of(
 """The options of a command that captures; `run_capture` takes their values."""
 
 
-def options_from(
-    rotate: dict[str, Any] | None, max_size: int | None, min_free: int | None
-) -> RecordingOptions:
-    """The recording options of a command line.
-
-    Raises UsageError if the options contradict each other.
-    """
-    found = RecordingOptions(**rotate or {}, keep_bytes=max_size, min_free_bytes=min_free)
-    if found.rotate_bytes is not None and found.rotate_bytes < _MIN_FILE:
-        raise UsageError(f"--rotate: a file has at least {_MIN_FILE // 1000} kB")
-    if found.rotate_s is not None and found.rotate_s < _MIN_SECONDS:
-        raise UsageError(f"--rotate: a file spans at least {_MIN_SECONDS:g} s")
-    if max_size is not None and max_size < _MIN_FILE:
-        raise UsageError(f"--max-size: a file has at least {_MIN_FILE // 1000} kB")
-    if max_size is not None and max_size < 2 * (found.rotate_bytes or 0):
-        raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    return found
-
-
 _UNRECORDED = RecordingOptions(keep_bytes=256_000_000, min_free_bytes=0)
 """Of the file through which the rows of an unrecorded capture go."""
 
@@ -229,41 +194,34 @@ def capture_plan(
     output: Path | None,
     force: bool,
     no_record: bool,
-    keep_recording: bool,
-    duration: float | None,
-    count: int | None,
-    **recording: Any,
+    rotate: dict[str, Any] | None,
+    max_size: int | None,
+    min_free: int | None,
+    **planned: Any,
 ) -> CapturePlan:
-    """The plan of a capture.
-
-    All arguments but the wiring are options, `recording` those of `recording_options`.
+    """The plan of a capture; `planned` are further fields of it.
 
     Raises UsageError if options contradict each other, or the output is not a file of recordings.
     """
     from fte_sniff.session.capture_process import CapturePlan
 
-    for option, is_given in {"-o": output is not None, "--keep-recording": keep_recording}.items():
-        if no_record and is_given:
-            raise UsageError(
-                f"{option} and --no-record contradict each other; leave one of them out"
-            )
+    if no_record and (output is not None or planned["outlives_view"]):
+        given = "--keep-recording" if output is None else "-o"
+        raise UsageError(f"{given} and --no-record contradict each other; leave one of them out")
     if output is not None:
         _check_output(output)
-    existing = Existing.REPLACE if force else Existing.REFUSE
-    path = output or Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap")
-    options = options_from(**recording)
+    found = RecordingOptions(**rotate or {}, keep_bytes=max_size, min_free_bytes=min_free)
+    for option, size in (("--rotate", found.rotate_bytes), ("--max-size", max_size)):
+        if size is not None and size < _MIN_FILE:
+            raise UsageError(f"{option}: a file has at least {_MIN_FILE // 1000} kB")
+    if max_size is not None and max_size < 2 * (found.rotate_bytes or 0):
+        raise UsageError("--max-size must have room for two files of --rotate; raise it")
+    path, existing = output, Existing.REPLACE if force else Existing.REFUSE
+    if path is None:
+        path, existing = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"), Existing.NUMBER
     if no_record:
-        path, options = Path(mkdtemp(prefix="fte-sniff-")) / "rows.mcap", _UNRECORDED
-    return CapturePlan(
-        wiring=wiring,
-        recording=path,
-        existing=existing if output else Existing.NUMBER,
-        recording_options=options,
-        is_temporary=no_record,
-        outlives_view=keep_recording,
-        duration_s=duration,
-        count=count,
-    )
+        path, found = Path(mkdtemp(prefix="fte-sniff-")) / "rows.mcap", _UNRECORDED
+    return CapturePlan(wiring, path, existing, found, is_temporary=no_record, **planned)
 
 
 def run_capture(
@@ -274,112 +232,95 @@ def run_capture(
     baud: int | None,
     dtr: str,
     rts: str,
+    keep_recording: bool,
     plain: bool,
-    form: str | None,
-    udp: str | None,
-    serve: str | None,
-    origins: tuple[str, ...],
     headless: bool,
+    form: str | None,
     columns: tuple[str, ...] | None,
-    share: bool = False,
     filter_text: str | None,
     alert_text: str | None,
     silence: float | None,
-    **planned: Any,
+    udp: tuple[str, int] | None,
+    serve: tuple[str, int] | None,
+    origins: tuple[str, ...],
+    duration: float | None,
+    count: int | None,
+    share: bool = False,
+    **recording: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
 
     `wiring_with` builds the wiring from the settings of its ports, whose names are as the user
-    wrote them; the settings have defaults for options that are not given. `planned` are the options
+    wrote them; the settings have defaults for options that are not given. `recording` are options
     of `capture_plan`. Raises FteSniffError after everything is closed, if the capture failed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
+    from fte_sniff.capture.silence import DEFAULT_SILENCE_S
 
-    zone, network = settings.live.get("zone"), settings.live.get("network", False)
-    shown_zone = None if zone is None else zone_of(zone)
+    zone = settings.live.get("zone")
+    zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    wiring = wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share))
-    plan = capture_plan(wiring, **planned)
-    silence_s = plan.silence_s if silence is None else silence
-    silence_s = min(silence_s, silence_of(alert_text) or silence_s)
-    plan = replace(plan, shows_rows=not headless, silence_s=silence_s)
+    silence = silence or DEFAULT_SILENCE_S
+    plan = capture_plan(
+        wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share)),
+        outlives_view=keep_recording,
+        shows_rows=not headless,
+        duration_s=duration,
+        count=count,
+        silence_s=min(silence, silence_of(alert_text) or silence),
+        **recording,
+    )
+    wanted, alert = row_filter(filter_text, zone), alert_of(alert_text, zone)
+    signals = tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not keep_recording)
     drive, observers = None, list[Observer]()
     if headless:
-        others = {
-            "--plain": plain,
-            "--format": form,
-            "--columns": columns,
-            "--filter": filter_text,
-            "--alert": alert_text,
-        }
-        _check_headless(plan, [name for name, given in others.items() if given])
-        ports_text = printable(" and ".join(plan.wiring.names))
-        intro = f"capturing {ports_text}, recording to"
-        observers += [CaptureReport(plan, intro, names_files=True)]
+        others = {"--plain": plain, "--format": form, "--columns": columns}
+        others |= {"--filter": filter_text, "--alert": alert_text}
+        if given := [name for name, value in others.items() if value]:
+            raise UsageError(f"--headless shows no rows; leave out {given[0]}")
+        if plan.is_temporary:
+            raise UsageError("--headless records to files; leave out --no-record")
+        names = printable(" and ".join(plan.wiring.names))
+        observers.append(CaptureReport(plan, f"capturing {names}, recording to"))
     elif plain or form or columns or not (sys.stdout.isatty() and sys.stdin.isatty()):
         printed = OutputFormat(form or ("csv" if columns else "table"))
         check_columns(columns, printed)
-        lines = PlainLines(
-            row_filter(filter_text, shown_zone),
-            alert_of(alert_text, shown_zone),
+        write = text_writer(
             printed,
-            columns or ALL_COLUMNS,
+            sys.stdout,
             ports=len(plan.wiring.names) > 1,
-            zone=shown_zone or UTC,
+            columns=columns or ALL_COLUMNS,
+            zone=zone or UTC,
         )
-        observers += [CaptureReport(plan), lines]
+        observers += [CaptureReport(plan, "recording to"), PlainLines(wanted, alert, write)]
     else:
         from fte_sniff.tui.options import StartOptions
 
         start = StartOptions(
-            row_filter=row_filter(filter_text, shown_zone),
-            alert=alert_of(alert_text, shown_zone),
-            leave_at_end=plan.duration_s is not None or plan.count is not None,
-            signals=_ending_signals(plan),
+            row_filter=wanted,
+            alert=alert,
+            leave_at_end=duration is not None or count is not None,
+            signals=signals,
             line_setup=settings.line_setup(ports, baud),
             language=settings.language(),
             choices=settings.choices,
             save_choices=settings.keep,
             warnings=settings.trouble,
-            zone=shown_zone,
+            zone=zone,
         )
         screen = Screen(start)
-        observers += [screen, CaptureReport(plan, intro=None)]
+        observers += [screen, CaptureReport(plan)]
         drive = screen.show
+    is_network = settings.live.get("network", False)
     if udp is not None:
-        address = address_of(udp, "--udp", network=network)
-        observers.append(Datagrams(address, row_filter(filter_text, shown_zone)))
+        observers.append(Datagrams(local("--udp", udp, is_network), wanted))
     if serve is not None:
-        server_address = address_of(serve, "--serve", network=network)
-        observers.append(FoxgloveServer(server_address, plan.wiring.names, origins))
+        address = local("--serve", serve, is_network)
+        observers.append(FoxgloveServer(address, plan.wiring.names, origins))
     elif origins:
         raise UsageError("--allow-origin works with --serve; add it")
-    sys.exit(capture(plan, observers, _ending_signals(plan), drive))
-
-
-def _ending_signals(plan: CapturePlan) -> tuple[signal.Signals, ...]:
-    """The signals that end the capture; others end only the view."""
-    return tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not plan.outlives_view)
-
-
-def _check_headless(plan: CapturePlan, others: Sequence[str]) -> None:
-    if others:
-        raise UsageError(f"--headless shows no rows; leave out {others[0]}")
-    if plan.is_temporary:
-        raise UsageError("--headless records to files; leave out --no-record")
-
-
-def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
-    several = f"{outcome.first} to " if outcome.first != last else ""
-    gone = ""
-    if outcome.deleted_files:
-        count = outcome.deleted_files
-        files = "1 older file" if count == 1 else f"{count:,} older files"
-        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--max-size)"
-    there = sum(path.exists() for path in recordings)
-    files = f", {there} files" if there > 1 else ""
-    print_err(f"recorded to {several}{last}{files}{gone}")
+    sys.exit(capture(plan, observers, signals, drive))
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
@@ -390,23 +331,18 @@ _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEve
 class CaptureReport(Observer):
     """Prints where the capture goes, its port events and problems, and the summary at the end."""
 
-    def __init__(
-        self, plan: CapturePlan, intro: str | None = "recording to", *, names_files: bool = False
-    ) -> None:
-        """`intro` stands before the name of the recording; None prints only the end.
-
-        With `names_files`, each file after the first one is reported.
-        """
-        self._plan, self._intro, self._names_files = plan, intro, names_files
+    def __init__(self, plan: CapturePlan, intro: str | None = None) -> None:
+        """`intro` is before the name of the recording; None prints only the end."""
+        self._plan, self._intro = plan, intro
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure = ""
-        self._recording: str | None = None
+        self._recording: Path | None = None
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
         state = session.state
-        self._recording = str(state.recording)
+        self._recording = state.recording
         if self._intro is not None:
             if state.device is not None:
                 print_err(f"a host program can open {printable(state.device)}")
@@ -417,14 +353,19 @@ class CaptureReport(Observer):
             print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Count the rows; print the events, and an error of the capture once."""
+        """Count the rows; print the events, an error of the capture once, and each next file."""
         self._tally.observe(update.rows)
         if self._intro is None:
             return
         for event in update.events:
             self._print_event(event)
-        if session.state.ended is None:  # the error that ended it comes last
-            self._print_problem(session.state.error, update.state.recording)
+        state = session.state
+        if state.ended is None and state.error and str(state.error) != self._failure:
+            self._failure = str(state.error)
+            print_err(self._failure)
+        if state.recording not in (None, self._recording) and not state.is_temporary:
+            self._recording = state.recording
+            print_err(f"recording goes on in {state.recording}")
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary, and the files that were recorded."""
@@ -436,15 +377,6 @@ class CaptureReport(Observer):
         if state.outcome is not None and state.recording is not None and not state.is_temporary:
             _print_recording(state.recordings, state.recording, state.outcome)
 
-    def _print_problem(self, failure: FteSniffError | None, recording: str | None) -> None:
-        """Report once that the recording has stopped, and the file in which it continues."""
-        if failure is not None and str(failure) != self._failure:
-            self._failure, self._recording = str(failure), None
-            print_err(self._failure)
-        if (self._names_files or self._failure) and recording and recording != self._recording:
-            self._recording = recording
-            print_err(f"recording goes on in {recording}")
-
     def _print_event(self, event: PortEvent) -> None:
         if event.kind not in _EXPECTED_EVENTS:
             self._events[event.kind] += 1
@@ -453,26 +385,26 @@ class CaptureReport(Observer):
             print_err(f"{event.port}{kind}{detail}")
 
 
+def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
+    several = f"{outcome.first} to " if outcome.first != last else ""
+    gone = ""
+    if count := outcome.deleted_files:
+        files = f"{count:,} older file{'s' * (count != 1)}"
+        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--max-size)"
+    there = sum(path.exists() for path in recordings)
+    number = f", {there} files" if there > 1 else ""
+    print_err(f"recorded to {several}{last}{number}{gone}")
+
+
 class PlainLines(Observer):
     """Prints one line for each row that passes a filter."""
 
     def __init__(
-        self,
-        wanted: RowFilter | None,
-        alert: Alert | SilenceAlert | None = None,
-        form: OutputFormat = OutputFormat.TABLE,
-        columns: Sequence[str] = ALL_COLUMNS,
-        *,
-        ports: bool = False,
-        zone: tzinfo = UTC,
+        self, wanted: RowFilter | None, alert: Alert | SilenceAlert | None, write: RowWriter
     ) -> None:
-        """With `ports` a line of a table names its port; None filters nothing, alerts to nothing.
-
-        `form` is a text format, `columns` those of CSV and JSON lines, `zone` that of its times.
-        """
+        """None filters nothing, and alerts to nothing."""
         self._wanted = None if wanted is None else wanted.stream()
-        self._alert = alert
-        self._write = text_writer(form, sys.stdout, ports=ports, columns=columns, zone=zone)
+        self._alert, self._write = alert, write
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""
@@ -501,8 +433,7 @@ class Screen(Observer):
         from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
-        files = [path for path in session.state.recordings if path.is_file()]
-        self._notes = Notes(dict.fromkeys(files))
+        self._notes = Notes({path: None for path in session.state.recordings if path.is_file()})
         if session.stopping:
             return 0
         return run_screen(session, replace(self._options, notes=self._notes))

@@ -17,7 +17,7 @@ import re
 import socket
 import struct
 from base64 import b64encode
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from threading import Thread
@@ -98,8 +98,6 @@ class FoxgloveServer(Observer):
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
         """Of each viewer, its subscriptions by channel."""
-        self.wanted: frozenset[int] = frozenset()
-        """The channels that viewers subscribed to."""
         self._trouble = ""
         listening = _listening(address)
         self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
@@ -110,6 +108,11 @@ class FoxgloveServer(Observer):
         self._server: Server = asyncio.run_coroutine_threadsafe(
             self._listen(listening), self._loop
         ).result()
+
+    @property
+    def wanted(self) -> set[int]:
+        """The channels that viewers subscribed to."""
+        return set().union(*list(self._viewers.values()))
 
     def begun(self, session: LiveSession) -> None:
         """Print the address."""
@@ -125,23 +128,7 @@ class FoxgloveServer(Observer):
 
     def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send rows and port events to the viewers of their channels."""
-        messages = [*self._messages(rows, events)] if self.wanted else []
-        self._loop.call_soon_threadsafe(self._send, messages)
-
-    def _messages(
-        self, rows: Rows, events: Sequence[PortEvent]
-    ) -> Iterator[tuple[int, int, bytes]]:
-        """Channel, time and content of each message."""
-        from fte_sniff.recording.schema import EVENTS, encode_event, encode_row, topic_of
-
-        for entry in in_order(rows, events):
-            t_ns = entry.t_ns or 0
-            topic = EVENTS if isinstance(entry, PortEvent) else topic_of(entry)
-            channel = self._channels[entry.port, topic.name]
-            if isinstance(entry, PortEvent):
-                yield channel, t_ns, encode_event(entry, t_ns)
-            elif channel in self.wanted:
-                yield channel, t_ns, encode_row(topic, entry, t_ns)
+        asyncio.run_coroutine_threadsafe(self._send(rows, events), self._loop).result()
 
     def close(self) -> None:
         """Hang up; viewers that do not read the last messages at once lose them."""
@@ -187,14 +174,14 @@ class FoxgloveServer(Observer):
         from websockets.exceptions import ConnectionClosed
 
         self._viewers[connection] = {}
+        info = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
         with suppress(ConnectionClosed):
-            await connection.send(json.dumps(_SERVER_INFO | {"sessionId": str(time_ns() // 10**6)}))
+            await connection.send(json.dumps(info | {"sessionId": str(time_ns() // 10**6)}))
             await connection.send(json.dumps(self._advertisement()))
             async for message in connection:
                 with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
                     self._subscribe(connection, json.loads(message))
         del self._viewers[connection]
-        self._find_wanted()
 
     def _advertisement(self) -> dict[str, Any]:
         from fte_sniff.recording.schema import TOPICS, encodable, schema_data, schema_name
@@ -215,36 +202,40 @@ class FoxgloveServer(Observer):
         return {"op": "advertise", "channels": channels}
 
     def _subscribe(self, viewer: ServerConnection, request: Any) -> None:
-        subscriptions = self._viewers[viewer]
+        found = self._viewers[viewer]
         if request["op"] == "subscribe":
             pairs = [(int(one["id"]), int(one["channelId"])) for one in request["subscriptions"]]
             known = {*self._channels.values()}
-            subscriptions |= {at: own for own, at in pairs if at in known and 0 <= own < 1 << 32}
+            found = found | {at: own for own, at in pairs if at in known and 0 <= own < 1 << 32}
         elif request["op"] == "unsubscribe":
             gone = {*map(int, request["subscriptionIds"])}
-            kept = {at: own for at, own in subscriptions.items() if own not in gone}
-            self._viewers[viewer] = kept
-        self._find_wanted()
+            found = {at: own for at, own in found.items() if own not in gone}
+        self._viewers[viewer] = found
 
-    def _find_wanted(self) -> None:
-        self.wanted = frozenset().union(*self._viewers.values())
-
-    def _send(self, messages: Sequence[tuple[int, int, bytes]]) -> None:
+    async def _send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send to the viewers that subscribed; those that do not read are disconnected."""
         from websockets.asyncio.server import broadcast
 
-        for viewer, subscriptions in self._viewers.items():
+        from fte_sniff.recording.schema import EVENTS, encode_event, encode_row, topic_of
+
+        for viewer in self._viewers:
             transport = viewer.transport
-            if transport.is_closing():
-                continue
-            if transport.get_write_buffer_size() > MOST_UNREAD:
+            if not transport.is_closing() and transport.get_write_buffer_size() > MOST_UNREAD:
                 transport.abort()
                 name = "{}:{}".format(*viewer.remote_address[:2])
                 print_err(f"the viewer {name} did not read, and was disconnected")
-                continue
-            for channel, t_ns, content in messages:
-                if (own := subscriptions.get(channel)) is not None:
-                    broadcast([viewer], _MESSAGE.pack(1, own, t_ns) + content)
+        wanted = self.wanted
+        for entry in in_order(rows, events) if wanted else ():
+            t_ns = entry.t_ns or 0
+            if isinstance(entry, PortEvent):
+                topic, encoded = EVENTS, encode_event(entry, t_ns)
+            else:
+                topic = topic_of(entry)
+                encoded = encode_row(topic, entry, t_ns)
+            channel = self._channels[entry.port, topic.name]
+            for viewer, subscriptions in self._viewers.items():
+                if channel in subscriptions and not viewer.transport.is_closing():
+                    broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + encoded)
 
     def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Print an error of the loop once: out of file descriptors it comes for each connection."""
@@ -265,9 +256,6 @@ class FoxgloveServer(Observer):
             task.cancel()
 
 
-_SERVER_INFO: Final = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
-
-
 def _listening(address: tuple[str, int]) -> socket.socket:
     host, port = address
     try:
@@ -276,6 +264,5 @@ def _listening(address: tuple[str, int]) -> socket.socket:
     except OSError as error:
         reason, _, _ = reason_of(error).partition(" (while")  # Python adds the address
         raise UsageError(
-            f"--serve {host}:{port}: {reason}; name another port, as in"
-            f" --serve {(port + 1) % (1 << 16)}"
+            f"--serve {host}:{port}: {reason}; name another port, as in --serve 8766"
         ) from None

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import socket
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.options import all_of
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import PortEvent, Row, iso_time, record
 
@@ -29,35 +29,39 @@ DEFAULT_ADDRESS: Final = "127.0.0.1:8765"
 """Where viewers look if the user names no other."""
 
 
-def _host_and_port(text: str, option: str) -> tuple[str, int]:
-    """Host and port of `HOST:PORT` or `PORT`; raises UsageError for other texts."""
-    name, colon, number = text.rpartition(":")
-    is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
-    if is_number and (colon or number == text):
-        return name, int(number)
-    example = "--udp 127.0.0.1:9870"
-    if option == "--serve":
-        example = f"--serve {DEFAULT_ADDRESS}, or --serve alone at the end"
-    raise UsageError(f"{option} {printable(text)} is not HOST:PORT or PORT; write {example}")
+class _Address(click.ParamType[tuple[str, int]]):
+    """`HOST:PORT` or `PORT`; without a host this machine, IPv6 in brackets."""
 
+    name = "address"
 
-def _checked(context: click.Context, _option: click.Parameter, text: str | None) -> str | None:
-    """Refuse a port or file behind `--serve`, which click takes as its value."""
-    if text is not None and not context.resilient_parsing:
-        _host_and_port(text, "--serve")
-    return text
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, int]:
+        """The IP address and the port; fails for other texts."""
+        if isinstance(value, tuple):
+            return value
+        name, _, number = value.rpartition(":")
+        is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
+        if not is_number:
+            self.fail(f"{printable(value)} is not HOST:PORT or PORT.", param, ctx)
+        try:
+            found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
+        except (OSError, UnicodeError):
+            self.fail(f"{printable(value)}: the host is not known.", param, ctx)
+        return str(found[0][4][0]), int(number)
 
 
 data_options = all_of(
     click.option(
         "--udp",
+        type=_Address(),
         metavar="[HOST:]PORT",
         help="Send each row as a JSON object to this UDP port of this machine.",
     ),
     click.option(
         "--serve",
         is_flag=False,
-        callback=_checked,
+        type=_Address(),
         flag_value=DEFAULT_ADDRESS,
         metavar="[[HOST:]PORT]",
         help=f"Serve the rows to viewers over WebSocket, by default at {DEFAULT_ADDRESS}.",
@@ -73,28 +77,17 @@ data_options = all_of(
 """The options of rows for other programs."""
 
 
-def address_of(text: str, option: str, *, network: bool) -> tuple[str, int]:
-    """The address of `HOST:PORT` or `PORT`; without a host this machine, IPv6 in brackets.
-
-    Raises UsageError if it is not valid, or is another machine and `network` is false.
-    """
+def local(option: str, address: tuple[str, int], is_network: bool) -> tuple[str, int]:
+    """The address; raises UsageError if it is of another machine, unless those may read."""
     import ipaddress
-    import socket
 
-    name, number = _host_and_port(text, option)
-    shown = f"{option} {printable(text)}"
-    try:
-        found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", number)
-    except (OSError, UnicodeError) as error:
-        reason = reason_of(error) if isinstance(error, OSError) else "it is not a name"
-        raise UsageError(f"{shown}: the host is not known ({reason})") from None
-    host = str(found[0][4][0])
-    if not network and not ipaddress.ip_address(host.partition("%")[0]).is_loopback:
+    host = address[0].partition("%")[0]
+    if not is_network and not ipaddress.ip_address(host).is_loopback:
         raise UsageError(
-            f"{shown} is not this machine: anyone in that network could read; if they may, set"
-            " network = true in [live] of the settings"
+            f"{option} {host} is not this machine: anyone in that network could read; if they may,"
+            " set network = true in [live] of the settings"
         )
-    return host, number
+    return address
 
 
 def datagram(entry: Row | PortEvent) -> bytes:

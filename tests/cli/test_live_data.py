@@ -9,10 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.cli.live_data import (
-    address_of,
-)
-from fte_sniff.errors import UsageError
 from fte_sniff.protocol import iso_time
 from fte_sniff.recording.schema import topic_of
 from tests.cli.conftest import decoded
@@ -26,7 +22,7 @@ SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
 
 @pytest.mark.parametrize(
     ("where", "told"),
-    [("0.0.0.0:8765", "anyone in that network could read"), ("sim://", "or --serve alone")],
+    [("0.0.0.0:8765", "anyone in that network could read"), ("sim://", "is not HOST:PORT or PORT")],
 )
 def test_address_that_is_not_of_this_machine_is_refused(run, where: str, told: str) -> None:
     done = run("live", SIM, "--count", "5", "--no-record", "--serve", where)
@@ -38,7 +34,7 @@ def test_port_or_file_behind_serve_is_not_its_address(run, samples) -> None:
     file = str(samples / "clean.mcap")
     done = run("live", "--serve", file)
     assert (done.returncode, done.stdout) == (2, "")
-    assert f"--serve {file} is not HOST:PORT or PORT; write" in done.stderr
+    assert f"'--serve': {file} is not HOST:PORT or PORT" in done.stderr
     assert done.stderr.count("\n") == 1
 
 
@@ -124,7 +120,7 @@ def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> Non
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("98700", "is not HOST:PORT or PORT; write --udp 127.0.0.1:9870"),
+        ("98700", "is not HOST:PORT or PORT"),
         ("localhost", "is not HOST:PORT"),
         ("localhost:", "is not HOST:PORT"),
         ("localhost:port", "is not HOST:PORT"),
@@ -137,27 +133,27 @@ def test_port_that_nobody_reads_does_not_disturb_a_capture(run, receiver) -> Non
         ("\x1b[1m:9870", "the host is not known"),
     ],
 )
-def test_addresses_that_are_wrong_or_not_here_are_refused(text: str, told: str) -> None:
-    with pytest.raises(UsageError, match=told) as error:
-        address_of(text, "--udp", network=False)
-    assert str(error.value).isprintable()
+def test_addresses_that_are_wrong_or_not_here_are_refused(run, text: str, told: str) -> None:
+    done = run("live", SIM, "--no-record", "--count", "1", "--udp", text)
+    assert done.returncode == 2
+    assert told in done.stderr
+    assert done.stderr.strip().isprintable()
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("127.0.0.1:1", ("127.0.0.1", 1)),
-        (":9870", ("127.0.0.1", 9870)),
-        ("9870", ("127.0.0.1", 9870)),
-        ("[::1]:9870", ("::1", 9870)),
-    ],
-)
-def test_addresses_of_this_machine_are_accepted(text: str, expected: tuple[str, int]) -> None:
-    assert address_of(text, "--udp", network=False) == expected
+@pytest.mark.parametrize("text", ["127.0.0.1:9870", ":9870", "9870", "[::1]:9870"])
+def test_addresses_of_this_machine_are_accepted(run, text: str) -> None:
+    host = "::1" if "::" in text else "127.0.0.1"
+    done = run("live", SIM, "--no-record", "--count", "1", "--udp", text)
+    assert done.returncode == 0
+    assert f"1 rows sent to UDP {host} port 9870" in done.stderr
 
 
-def test_network_is_allowed_by_an_option() -> None:
-    assert address_of("192.0.2.1:9870", "--udp", network=True) == ("192.0.2.1", 9870)
+def test_network_is_allowed_by_the_settings(run, environment, tmp_path: Path) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text("[live]\nnetwork = true\n")
+    environment["FTE_SNIFF_CONFIG"] = str(settings)
+    done = run("live", SIM, "--no-record", "--count", "1", "--udp", "192.0.2.1:9870")
+    assert done.returncode == 0
 
 
 @pytest.mark.parametrize(
