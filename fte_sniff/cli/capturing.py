@@ -346,7 +346,7 @@ class CaptureReport(Observer):
         if self._intro is not None:
             if state.device is not None:
                 print_err(f"a host program can open {printable(state.device)}")
-            if not state.is_temporary:
+            if not self._plan.is_temporary:
                 print_err(f"{self._intro} {state.recording}")
         if self._plan.outlives_view:
             pid = session.capture_pid
@@ -360,10 +360,10 @@ class CaptureReport(Observer):
         for event in update.events:
             self._print_event(event)
         state = session.state
-        if state.ended is None and state.error and str(state.error) != self._failure:
+        if not state.is_ended and state.error and str(state.error) != self._failure:
             self._failure = str(state.error)
             print_err(self._failure)
-        if state.recording not in (None, self._recording) and not state.is_temporary:
+        if state.recording not in (None, self._recording) and not self._plan.is_temporary:
             self._recording = state.recording
             print_err(f"recording goes on in {state.recording}")
 
@@ -373,8 +373,8 @@ class CaptureReport(Observer):
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        print_err(summary(self._tally, unframed=state.progress.waiting, limit=self._plan.count))
-        if state.outcome is not None and state.recording is not None and not state.is_temporary:
+        print_err(summary(self._tally, unframed=state.waiting, limit=self._plan.count))
+        if state.outcome and state.recording and not self._plan.is_temporary:
             _print_recording(state.recordings, state.recording, state.outcome)
 
     def _print_event(self, event: PortEvent) -> None:

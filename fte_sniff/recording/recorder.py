@@ -82,16 +82,6 @@ class RecordingOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class FileChange:
-    """The recording stopped, or goes on in another file."""
-
-    path: Path | None
-    """The file it goes on in; None if it stopped."""
-    failure: FileError | None = None
-    """Why it stopped; None if it goes on."""
-
-
-@dataclass(frozen=True, slots=True)
 class Outcome:
     """The files of a finished capture."""
 
@@ -141,7 +131,8 @@ class Recorder:
         self._waiting: list[Entry] = []
         """What waits while there is no file."""
         self._stopped: FileError | None = None
-        self._changes: list[FileChange] = []
+        self.trouble: FileError | None = None
+        """Why a file ended before its time, the latest; None if that never happened."""
         self._due_s = -inf
         """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
@@ -159,6 +150,8 @@ class Recorder:
         self._writer = writer = RecordingWriter(first, ports, self._facts_of(1), existing=existing)
         self.path = writer.path
         """The current file, or the last one."""
+        self.files = [writer.path]
+        """All files, in order."""
         if not self._options.rotates:
             self._base = writer.path
 
@@ -199,10 +192,10 @@ class Recorder:
         first = self._closed[0].path if self._closed else self.path
         return Outcome(first, self.path, self._deleted_files, self._deleted_rows)
 
-    def changes(self) -> list[FileChange]:
-        """The changes since the previous call."""
-        found, self._changes = self._changes, []
-        return found
+    @property
+    def is_stopped(self) -> bool:
+        """Whether no file can be made, so that rows wait."""
+        return self._stopped is not None
 
     # What is recorded
 
@@ -325,7 +318,7 @@ class Recorder:
 
     def _go_on(self, writer: RecordingWriter) -> None:
         self._stopped, self._writer, self.path = None, writer, writer.path
-        self._changes.append(FileChange(writer.path))
+        self.files.append(writer.path)
 
     # Errors and gaps
 
@@ -335,8 +328,7 @@ class Recorder:
         self._put_away(writer)
         cause = failure.__cause__
         is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        self._stopped = failure
-        self._changes.append(FileChange(None, failure))
+        self._stopped = self.trouble = failure
         why = reason_of(cause) if isinstance(cause, OSError) else reason
         gap = Gap(GapKind.WRITE_ERROR, 0, reason=why)
         if writer.is_gone and writer.span_ns is not None:

@@ -2,7 +2,7 @@
 
     Source ──chunks──► Wire: framer ──rows──► Merge ──► Recorder ──► file ◄── views follow it
                                                 │
-                             control: started, progress, ended ──► the view that started it
+                             control: its state ──► the view that started it
 
 It shares nothing else with a view, so one that is slow, hangs or is killed costs no row.
 """
@@ -18,7 +18,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from queue import Empty, Queue
 from shutil import rmtree
 
 import numpy as np
@@ -33,8 +32,9 @@ from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
-from fte_sniff.session.control import CaptureStatus, Ended, Message, Started, line_of
+from fte_sniff.session.control import CaptureState
 from fte_sniff.session.merge import Lane, Merge, uncertain
+from fte_sniff.session.worker_process import line_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class CapturePlan:
     """Report a wire that was alive and is silent for this time, seconds."""
 
 
-# Messages to the view
+# The state, for the view
 
 SLOW_S = 1.0
 """Seconds after which a write of the recording is reported as slow."""
@@ -69,44 +69,34 @@ _REPORT_EVERY_S = 0.25
 
 
 class Reporter:
-    """Sends messages to the view from a thread; a view that does not read delays nothing else."""
+    """Sends the state to the view from a thread; a view that does not read delays nothing else.
 
-    def __init__(self, sent: io.FileIO, when_gone: Callable[[], None]) -> None:
-        """Start sending; `when_gone` is called once, from that thread, if the view is gone."""
-        self._sent, self._when_gone = sent, when_gone
-        self._waiting = Queue[Message]()
-        self.progress: Callable[[], CaptureStatus] = CaptureStatus
-        """How far the recording is; called from the sending thread."""
+    The view kills a capture that sends nothing: one that waits for the disk still reports that.
+    """
+
+    def __init__(
+        self, sent: io.FileIO, state: Callable[[], CaptureState], when_gone: Callable[[], None]
+    ) -> None:
+        """Start sending what `state` returns; `when_gone` is called if the view is gone."""
+        self._sent, self._state, self._when_gone = sent, state, when_gone
+        self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name="reports", daemon=True)
         self._thread.start()
 
-    def put(self, *messages: Message) -> None:
-        """Send messages."""
-        for message in messages:
-            self._waiting.put(message)
-
-    def close(self, end: Ended) -> None:
-        """Send everything, then `end`; return when it is sent or the view is gone."""
-        self.put(end)
+    def close(self) -> None:
+        """Return when the state that has ended is sent, or the view is gone."""
+        self._ends.set()
         self._thread.join()
 
     def _run(self) -> None:
-        """Send messages, and progress between them.
-
-        The view kills a capture that sends nothing: one that waits for the disk still reports that.
-        """
-        message: Message | None = None
-        last = CaptureStatus()
+        last: CaptureState | None = None
         try:
-            while not isinstance(message, Ended):
-                try:
-                    message = self._waiting.get(timeout=_REPORT_EVERY_S)
-                except Empty:
-                    message = self.progress()
-                    if message == last and not message.is_slow:
-                        continue
-                    last = message
-                self._sent.write(line_of(message))
+            while last is None or not last.is_ended:
+                state = self._state()
+                if state != last or state.is_slow:
+                    self._sent.write(line_of(state))
+                last = state
+                self._ends.wait(_REPORT_EVERY_S)
         except OSError:
             self._when_gone()
 
@@ -117,47 +107,38 @@ SETTLED = 10
 """Valid frames of one direction after which a wire is known to carry it."""
 
 UNEXPECTED = 3
-"""Valid frames of the other direction after which it is reported; one can be chance."""
+"""Valid frames of a direction that another wire carries, after which it is reported; one can be
+chance."""
 
 
 _DIRECTIONS = tuple(Direction)
 
 
 class WiringWatch:
-    """Reports once per wire that it carries the other wire's direction, or the same as another."""
+    """Reports once per wire that it carries the direction of another one."""
 
     def __init__(self, ports: Sequence[str]) -> None:
         self._counts = {port: np.zeros(len(_DIRECTIONS), np.int64) for port in ports}
-        self._own: dict[str, int] = {}
-        self._quiet = set(ports) if len(ports) < 2 else set[str]()
+        self._watched = set(ports) if len(ports) > 1 else set[str]()
 
     def observe(self, port: str, rows: Rows) -> list[PortEvent]:
         """Events that these rows of one port give rise to."""
-        if port in self._quiet:
+        if port not in self._watched:
             return []
         codes = rows.directions[rows.framed & (rows.faults == 0)]
-        counts = self._counts[port]
-        counts += np.bincount(codes, minlength=len(counts))
-        detail: TranslatableText | None = None
-        if port not in self._own and counts.max() >= SETTLED:
-            self._own[port] = own = int(counts.argmax())
-            others = [other for other, way in self._own.items() if other != port and way == own]
-            if others:
+        self._counts[port] += np.bincount(codes, minlength=len(_DIRECTIONS))
+        for other, counts in self._counts.items():
+            both = (counts >= SETTLED) & (self._counts[port] >= UNEXPECTED)
+            if other != port and both.any():
+                self._watched -= {port, other}
                 detail = TranslatableText(
-                    "{direction} frames here and on {other} too: are both adapters on "
-                    "the same wire? Connect one RX to each",
-                    direction=_DIRECTIONS[own],
-                    other=others[0],
+                    "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
+                    "adapters on one wire; connect each adapter's RX to its own wire",
+                    direction=_DIRECTIONS[int(both.argmax())],
+                    other=other,
                 )
-        elif port in self._own and np.delete(counts, own := self._own[port]).max() >= UNEXPECTED:
-            self._quiet.add(port)
-            detail = TranslatableText(
-                "{direction} frames on the wire that carries {own} frames: swapped "
-                "or mixed wiring; connect each adapter's RX to its own wire",
-                direction=_DIRECTIONS[1 - own],
-                own=_DIRECTIONS[own],
-            )
-        return [PortEvent(int(rows.t_ns[-1]), port, PortEventKind.WIRING, detail)] if detail else []
+                return [PortEvent(int(rows.t_ns[-1]), port, PortEventKind.WIRING, detail)]
+        return []
 
 
 # The loop
@@ -231,10 +212,8 @@ class CaptureLoop:
         clock: Clock,
         source: Source,
         recorder: Recorder,
-        reporter: Reporter,
     ) -> None:
-        self._plan, self._clock, self._source = plan, clock, source
-        self._recorder, self._reporter = recorder, reporter
+        self._plan, self._clock, self._source, self._recorder = plan, clock, source, recorder
         self._clock_watch = ClockWatch(clock.system_ahead_ns())
         names, baud = plan.wiring.names, plan.wiring.settings.baud
         self._merge = Merge()
@@ -247,17 +226,18 @@ class CaptureLoop:
         self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._rows = self._turns = 0
-        self._started = self._is_ending = False
+        self._started = self._is_ending = self._is_ended = False
         self._now_ns = self._drain_ns = self._undrained = 0
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         """When the write under way began."""
         self.shows_rows = plan.shows_rows
         """Whether a view shows the rows as they come."""
-        reporter.progress = self._progress
+        self._reason: str | None = None
+        self._error: FteSniffError | None = None
 
-    def run(self) -> Ended:
-        """Process the source to its end, close the recording, and return how it ended."""
+    def run(self) -> None:
+        """Process the source to its end, and close the recording."""
         for item in self._source:
             self._turns += 1
             if isinstance(item, PortEvent):
@@ -274,20 +254,37 @@ class CaptureLoop:
                 wire.put(self._closed(port))
         self._emit(final=True)
         self._record(Recorder.close)
-        return self._result()
+        self._error, lost = self._recorder.failure, self._lost
+        if lost is not None and self._source.end is SourceEnd.LOST and self._remaining != 0:
+            reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
+            self._reason = reason
+            self._error = self._error or PortError("{reason}; check cable and power", reason=reason)
+        self._is_ended = True
 
     def _closed(self, port: str) -> PortEvent:
         detail = TranslatableText("all requested rows were captured")
         return PortEvent(self._clock.now_ns(), port, PortEventKind.CLOSED, detail)
 
-    def _result(self) -> Ended:
-        failure: FteSniffError | None = self._recorder.failure
-        outcome, lost = self._recorder.outcome, self._lost
-        if lost is not None and self._source.end is SourceEnd.LOST and self._remaining != 0:
-            reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
-            error = failure or PortError("{reason}; check cable and power", reason=reason)
-            return Ended(reason, error, outcome, self._progress())
-        return Ended(None, failure, outcome, self._progress())
+    @property
+    def state(self) -> CaptureState:
+        """How far it is; any thread may read it."""
+        since_s, recorder, is_ended = self._writing_since_s, self._recorder, self._is_ended
+        return CaptureState(
+            tuple(recorder.files),
+            None if recorder.is_stopped else recorder.path,
+            self._source.device,
+            self._error if is_ended else recorder.trouble,
+            is_ended,
+            self._reason,
+            recorder.outcome if is_ended else None,
+            self._rows,
+            recorder.unflushed_rows,
+            self._source.waiting,
+            since_s is not None and time.monotonic() - since_s >= SLOW_S,
+            self._is_ending or self._source.end is not None,
+            recorder.size,
+            self._turns,
+        )
 
     def _process_chunk(self, chunk: Chunk) -> None:
         wire, now_ns = self._wires[chunk.port], chunk.t_ns or 0
@@ -317,7 +314,11 @@ class CaptureLoop:
     def _watch_clock(self, port: str, now_ns: int) -> None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
         if step_ns:
-            detail = _step_words(step_ns)
+            detail = TranslatableText(
+                "this machine's clock was set by {seconds:+.3f} s; "
+                "times in this capture continue evenly from its start",
+                seconds=step_ns / 1e9,
+            )
             self._wires[port].put(PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail))
 
     def _start_duration(self, now_ns: int) -> None:
@@ -363,33 +364,6 @@ class CaptureLoop:
             do(self._recorder)
         finally:
             self._writing_since_s = None
-        self._reporter.put(*self._recorder.changes())
-
-    def _progress(self) -> CaptureStatus:
-        since_s, recorder = self._writing_since_s, self._recorder
-        return CaptureStatus(
-            self._rows,
-            recorder.unflushed_rows,
-            self._source.waiting,
-            since_s is not None and time.monotonic() - since_s >= SLOW_S,
-            self._is_ending or self._source.end is not None,
-            recorder.size,
-            self._turns,
-        )
-
-
-def _step_words(step_ns: int) -> TranslatableText:
-    if step_ns < 0:
-        return TranslatableText(
-            "this machine's clock was set back by {seconds:.3f} s; "
-            "times in this capture continue evenly from its start",
-            seconds=-step_ns / 1e9,
-        )
-    return TranslatableText(
-        "this machine's clock was set forward by {seconds:.3f} s; "
-        "times in this capture continue evenly from its start",
-        seconds=step_ns / 1e9,
-    )
 
 
 _SWITCH_EVERY_S = 0.0005
@@ -422,7 +396,7 @@ def capture(plan: CapturePlan, received: io.FileIO, sent: io.FileIO) -> None:
             _capture_from(source, plan, clock, received, sent)
     except FteSniffError as error:
         with suppress(OSError):  # the view is gone
-            sent.write(line_of(Ended(error=error)))
+            sent.write(line_of(CaptureState(error=error, is_ended=True)))
 
 
 def _capture_from(
@@ -442,16 +416,15 @@ def _capture_from(
         if not plan.outlives_view:
             source.stop()
 
-    reporter = Reporter(sent, when_gone)
-    loop = CaptureLoop(plan, clock, source, recorder, reporter)
-    reporter.put(Started(recorder.path, source.device))
+    loop = CaptureLoop(plan, clock, source, recorder)
+    reporter = Reporter(sent, lambda: loop.state, when_gone)
     requests = (received, source.stop, when_gone)
     threading.Thread(target=_obey, args=requests, daemon=True).start()
-    ended = loop.run()
-    # The file is closed; signals may end the process while the last messages are sent.
+    loop.run()
+    # The file is closed; signals may end the process while the last state is sent.
     for number in _ending_signals():
         signal.signal(number, signal.SIG_DFL)
-    reporter.close(ended)
+    reporter.close()
     if plan.is_temporary and is_gone.is_set():
         rmtree(plan.recording.parent, ignore_errors=True)
 

@@ -19,6 +19,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from fte_sniff.platform import ENDING_SIGNALS, POSIX, signals
 
@@ -67,15 +68,25 @@ def start_worker(function: Callable[..., None], *arguments: object) -> subproces
         if POSIX:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
     with suppress(OSError):  # it has ended already; its standard output shows that
-        for sent in (path, (function, arguments)):
-            tell(process, b64encode(pickle.dumps(sent)) + b"\n")
+        tell(process, path)
+        tell(process, (function, arguments))
     return process
 
 
-def tell(process: subprocess.Popen[bytes], line: bytes) -> None:
-    """Write a line to a process; raises OSError if it has ended."""
+def line_of(value: object) -> bytes:
+    """A value as a line, for `value_in`."""
+    return b64encode(pickle.dumps(value)) + b"\n"
+
+
+def value_in(line: bytes) -> Any:
+    """The value of a line that another process of this program wrote."""
+    return pickle.loads(b64decode(line))
+
+
+def tell(process: subprocess.Popen[bytes], value: object) -> None:
+    """Send a value to a process; raises OSError if it has ended."""
     assert process.stdin is not None
-    process.stdin.write(line)
+    process.stdin.write(line_of(value))
 
 
 def run() -> None:
@@ -88,6 +99,6 @@ def run() -> None:
     # Unbuffered: a thread that waits for a line holds no lock at the end.
     received, sent = io.FileIO(os.dup(0), "rb"), io.FileIO(os.dup(1), "wb")
     os.dup2(2, 1)
-    sys.path[:] = pickle.loads(b64decode(received.readline()))
-    function, arguments = pickle.loads(b64decode(received.readline()))
+    sys.path[:] = value_in(received.readline())
+    function, arguments = value_in(received.readline())
     function(*arguments, received, sent)

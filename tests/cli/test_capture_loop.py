@@ -56,7 +56,7 @@ class Noted(Observer):
 
     def ended(self, session: LiveSession) -> None:
         handled = signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
-        over = session.state.ended is not None
+        over = session.state.is_ended
         self._note("ended" if handled and over else "ended outside of the loop")
 
 

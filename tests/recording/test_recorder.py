@@ -16,7 +16,7 @@ from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording import recorder as recorder_module
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import FileChange, Recorder, RecordingOptions
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from tests.recording.conftest import file_size_limit, unprivileged
 from tests.recording.samples import (
     BOTH,
@@ -91,7 +91,7 @@ def test_rotated_files_have_all_rows_and_name_each_other(tmp_path: Path) -> None
         assert recording.facts["part"] == str(number)
         assert recording.facts.get("previous") == (files[number - 2].name if number > 1 else None)
     assert recorder.failure is None
-    assert recorder.changes() == [FileChange(path) for path in files[1:]]
+    assert recorder.files == files
     assert (recorder.outcome.first, recorder.outcome.last) == (files[0], files[-1])
 
 
@@ -249,8 +249,8 @@ def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
     assert "--min-free" in Recording(path).limit
     assert Recording(path).is_whole
     assert Recording(path).find_next() == following
-    changes = recorder.changes()
-    assert [change.path for change in changes] == [None, following]
+    assert (recorder.files, recorder.is_stopped) == ([path, following], False)
+    assert "x.mcap is complete up to there (80 rows)" in str(recorder.trouble)
     assert str(recorder.failure).startswith("20 rows from 2026-")
 
 

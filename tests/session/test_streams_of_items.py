@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,16 +27,8 @@ from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import FileChange, Outcome, Recorder, RecordingOptions
-from fte_sniff.session.control import (
-    CaptureStatus,
-    Ended,
-    Message,
-    Started,
-    Stop,
-    line_of,
-    message_in,
-)
+from fte_sniff.recording.recorder import Outcome, Recorder, RecordingOptions
+from fte_sniff.session.control import CaptureState
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import (
     EventEffects,
@@ -46,6 +39,7 @@ from fte_sniff.session.inputs import (
     with_facts,
 )
 from fte_sniff.session.merge import Timed, merged
+from fte_sniff.session.worker_process import line_of, value_in
 
 SECOND = 10**9
 SPEED = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
@@ -191,29 +185,19 @@ def test_an_error_of_the_disk_between_flushes_stops_the_file(
     recorder.flush(waits=False)
     assert recorder.failure is None
     recorder.flush()
-    assert recorder.changes()[0].failure is not None
+    assert recorder.trouble is not None
     recorder.close()
     assert recorder.failure is not None
     assert "Input/output error" in recorder.failure.message
 
 
-MESSAGES: tuple[Message, ...] = (
-    Stop(),
-    Started(Path("é.mcap"), "/dev/pts/3"),
-    CaptureStatus(rows=12, bytes=3),
-    FileChange(None, FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))),
-    Ended(TranslatableText("the duration is over"), None, Outcome(Path("a"), Path("b"), 1, 2)),
-)
-
-
-@pytest.mark.parametrize("message", MESSAGES, ids=lambda one: type(one).__name__)
-def test_a_message_is_one_line_that_gives_the_message(message: Message) -> None:
-    line = line_of(message)
+def test_a_state_is_one_line_that_gives_the_state() -> None:
+    error = FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))
+    outcome = Outcome(Path("a"), Path("b"), 1, 2)
+    state = CaptureState((Path("é.mcap"),), None, "/dev/pts/3", error, outcome=outcome, rows=12)
+    line = line_of(state)
     assert line.count(b"\n") == 1
-    found = message_in(line)
-    if isinstance(message, FileChange):
-        assert isinstance(found.failure, FileError)
-        assert str(found.failure) == str(message.failure)
-    else:
-        assert found == message
-    assert line_of(found) == line
+    found = value_in(line)
+    assert isinstance(found.error, FileError)
+    assert found.error.message.values == error.message.values  # type: ignore[attr-defined]
+    assert replace(found, error=error) == state
