@@ -3,7 +3,7 @@
 Modules:
 
     capture_process  Child process: read ports, frame, record.
-    control          What a capture and its view tell each other, as lines of JSON.
+    control          CaptureState: what a capture sends to its view.
     doctor           The checks of `doctor`: machine, ports, line.
     jobs             The same function over groups of files, in processes or on a cluster.
     measured         Count recordings table by table; public check(), stats(), findings().
@@ -11,7 +11,7 @@ Modules:
     following        Follow a recording that another program writes, across its files.
     framing          Chunks of several ports as rows in the order of time: logs, raw bytes.
     inputs           Recordings, logs, raw bytes, pipes; InputReading: their items, merged by time.
-    live_session     LiveSession: start, poll, stop; CaptureState.
+    live_session     LiveSession: start, poll, stop.
     merge            Merge: the items of several streams in the order of time.
     notes            Notes on rows beside the recording.
     user_state       Choices of the screen, as JSON of the program.
