@@ -90,9 +90,7 @@ def _rows_of_log(text: bytes, notes: list[str]) -> Iterator[Rows]:
     except InputTextError:
         plain_hex(text.decode("utf-8", "replace"))  # names the first character that is not hex
         raise
-    # The times of a paste are not of interest.
-    chunks = (chunk._replace(t_ns=None) for chunk in log.chunks())
-    yield from rows_of_chunks(chunks, notes.append)
+    yield from rows_of_chunks(log.chunks(), notes.append)
     notes += log.notes()
 
 

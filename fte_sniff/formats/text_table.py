@@ -165,7 +165,10 @@ def _title(row: Row) -> str:
         status += f" ({faults_text(row.faults)})"
     kind = kind_text(row)
     name = click.style("damage" if kind == "-" else kind, bold=True)
-    return f"offset {row.offset}  {name}  {values_text(row)}  {status}".replace("    ", "  ")
+    when = "" if row.t_ns is None else iso_time(row.t_ns)[_CLOCK]
+    way = row.port.partition(":")[2]  # of a log with several
+    words = (when, way, f"offset {row.offset}", name, values_text(row), status)
+    return "  ".join(filter(None, words))
 
 
 def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:

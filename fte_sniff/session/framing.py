@@ -15,7 +15,7 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from fte_sniff.errors import FteSniffError, unreadable
+from fte_sniff.errors import FteSniffError, InputTextError, unreadable
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
@@ -56,6 +56,10 @@ def raw_chunks(
         raise unreadable(port, error) from error
 
 
+_END_NS: Final = 2**63
+"""Times of rows are below this, nanoseconds since 1970 UTC."""
+
+
 def rows_of_chunks(
     chunks: Iterable[Chunk], note: Callable[[str], None], baud: int = DEFAULT_BAUD
 ) -> Iterator[Rows]:
@@ -75,6 +79,11 @@ def rows_of_chunks(
     try:
         for number, chunk in enumerate(chunks):
             if chunk.data:
+                if (chunk.t_ns or 0) >= _END_NS:
+                    raise InputTextError(
+                        f"{chunk.port}: at {baud} baud its bytes end after the year 2262, which no"
+                        " row can name; check --start and --baud"
+                    )
                 if chunk.port not in wires:
                     wires[chunk.port] = wire = _Wire(chunk.port, baud)
                     merge.lanes.append(wire.lane)
