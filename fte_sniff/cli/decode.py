@@ -27,13 +27,12 @@ from fte_sniff.cli.options import (
     grouped_command,
     rows_format_option,
 )
-from fte_sniff.cli.streams import STDOUT, ProgressLine, ending_signals, print_err, progress_line
+from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError, unwritable
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.following import Following
-from fte_sniff.session.inputs import InputReading
-from fte_sniff.session.save import FileExport, RawSink, Sink, open_sink
+from fte_sniff.session.save import ExportSource, FileExport, RawSink, Sink, open_sink
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -78,10 +77,15 @@ def command(
         reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
-        with _opened(written, output, reading, line, force=force) as sink:
+        with _opened(written, output, reading.source, force=force) as sink:
             for item in reading:
                 sink.write(item)
     print_notes(reading)
+    if isinstance(sink, RawSink) and len(sink.ports) > 1:
+        print_err(
+            f"fte-sniff: nothing separates the bytes of {len(sink.ports)} ports in one stream; for"
+            f" one of them use --filter \"port = '{min(sink.ports)}'\""
+        )
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
     print_err(summary(reading.tally, reading))
@@ -114,79 +118,38 @@ def _is_stdout(path: Path | None) -> bool:
 
 @contextmanager
 def _opened(
-    form: OutputFormat, path: Path | None, reading: InputReading, line: ProgressLine, *, force: bool
+    form: OutputFormat, path: Path | None, source: ExportSource, *, force: bool
 ) -> Iterator[Sink]:
     """Standard output (None or `-`), or a file that replaces `path` when complete.
 
-    A command that fails leaves no file, and an old file stays until the new one is complete. After
-    Ctrl-C the rows so far are kept if they are text; what is left is reported.
+    A command that fails or is interrupted leaves no file, and an old file stays until the new one
+    is complete.
 
     Raises:
         UsageError: the format needs a file, or standard output is a terminal.
         FileError: the file exists (and `force` is not set), or cannot be written.
         BrokenPipeError: standard output lost its reader.
     """
-    is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
     if path is None or _is_stdout(path):
-        stdout = None if is_text else _binary_stdout(form, path)
-        with _in_sequence(open_sink(form, stdout, reading.source), STDOUT, reading, line) as sink:
+        is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
+        sink = open_sink(form, None if is_text else _binary_stdout(form, path), source)
+        try:
             yield sink
+            sink.close()
+        except BaseException:
+            sink.abandon()
+            raise
         return
     try:
-        existing = Existing.REPLACE if force else Existing.REFUSE
-        export = FileExport(path, form, reading.source, existing)
+        export = FileExport(path, form, source, Existing.REPLACE if force else Existing.REFUSE)
         try:
-            with _completed(export.sink, path, reading) as sink:
-                yield sink
+            yield export.sink
+            export.sink.close()
             export.commit()
-        except KeyboardInterrupt:
-            left = "was not written"
-            if is_text and reading.written:
-                export.commit()
-                left = _ROWS_SO_FAR
-            _print_interrupted(path, left, line)
-            raise
         finally:
             export.abandon()
     except OSError as error:
         raise unwritable(path, error) from error
-
-
-_ROWS_SO_FAR = "holds the rows up to there"
-
-
-def _print_interrupted(name: object, left: str, line: ProgressLine) -> None:
-    line.end()
-    print_err(f"fte-sniff: interrupted; {name} {left}")
-
-
-@contextmanager
-def _in_sequence(
-    sink: Sink, name: object, reading: InputReading, line: ProgressLine
-) -> Iterator[Sink]:
-    """A sink whose rows are where they go at once, and stay there after Ctrl-C."""
-    try:
-        with _completed(sink, name, reading):
-            yield sink
-    except KeyboardInterrupt:
-        _print_interrupted(name, _ROWS_SO_FAR if reading.written else "holds no row", line)
-        raise
-
-
-@contextmanager
-def _completed(sink: Sink, name: object, reading: InputReading) -> Iterator[Sink]:
-    """The sink, which is closed at the end, or abandoned after an error."""
-    try:
-        yield sink
-        sink.close()
-    except BaseException:
-        sink.abandon()
-        raise
-    if isinstance(sink, RawSink) and len(sink.ports) > 1:
-        reading.notes.append(
-            f"{name}: holds the bytes of {len(sink.ports)} ports in one stream, and nothing in it"
-            f" separates them; for one of them use --filter \"port = '{min(sink.ports)}'\""
-        )
 
 
 def _binary_stdout(form: OutputFormat, path: Path | None) -> int:

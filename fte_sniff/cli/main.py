@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import gc
 import os
-import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -84,29 +83,8 @@ class LazyGroup(click.Group):
         return command
 
 
-def _print_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    if not wanted or context.resilient_parsing:
-        return
-    from importlib.metadata import requires, version
-    from platform import python_version
-
-    # Without those of extras and of other systems.
-    needed = [need for need in requires(PROGRAM) or () if ";" not in need]
-    names = sorted(re.split(r"[^\w-]", need)[0] for need in needed)
-    click.echo(f"{PROGRAM}, version {version(PROGRAM)}")
-    click.echo(", ".join([f"Python {python_version()}", *(f"{n} {version(n)}" for n in names)]))
-    context.exit()
-
-
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option(
-    "--version",
-    is_flag=True,
-    expose_value=False,
-    is_eager=True,
-    callback=_print_version,
-    help="Show the versions of the program and its libraries, and exit.",
-)
+@click.version_option(package_name=PROGRAM, prog_name=PROGRAM)
 def fte_sniff() -> None:
     """Watch, record and decode the serial protocol of the FTE four-motor controller."""
 

@@ -28,10 +28,10 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
@@ -45,9 +45,6 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import Choices
 
 
-_Table: TypeAlias = dict[str, Any]
-
-
 class _Kind(NamedTuple):
     """What a setting may be; `wanted` completes "must be ..."."""
 
@@ -55,48 +52,46 @@ class _Kind(NamedTuple):
     holds: Callable[[Any], bool]
 
 
-def _one_of(words: Sequence[str]) -> _Kind:
-    return _Kind(f"one of {', '.join(words)}", lambda value: value in words)
-
-
-def _list_of(wanted: str, holds: Callable[[list[Any]], bool]) -> _Kind:
-    return _Kind(
-        f"a list of {wanted}",
-        lambda value: isinstance(value, list) and bool(value) and holds(value),
-    )
-
-
-def _number(wanted: str, holds: Callable[[float], bool], *types: type) -> _Kind:
-    return _Kind(wanted, lambda value: type(value) in types and holds(value))
-
-
 def _is_zone(value: Any) -> bool:
     from fte_sniff.analysis.time_text import zone_of
 
     try:
-        zone_of(value if isinstance(value, str) else "")
+        return zone_of(value if isinstance(value, str) else "") is not None
     except UsageError:
         return False
-    return True
 
 
+def _are_columns(value: Any) -> bool:
+    columns = [name for name in ORDER if isinstance(value, list) and value.count(name) == 1]
+    return bool(columns) and len(columns) == len(value)
+
+
+def _is_number(value: Any, *types: type) -> bool:
+    return type(value) in types and 0 < value < 2**31
+
+
+_TABLE: Final = _Kind("a table", lambda value: isinstance(value, dict))
 _TEXT: Final = _Kind("a text", lambda value: isinstance(value, str) and bool(value))
 _YES_OR_NO: Final = _Kind("true or false", lambda value: isinstance(value, bool))
-_RATIO: Final = _number("a number above 0", lambda number: 0 < number < 1e9, int, float)
+_RATIO: Final = _Kind("a number above 0", lambda value: _is_number(value, int, float))
 
+_LANGUAGES: Final = (*LANGUAGES, AUTO)
 _SCREEN: Final[Mapping[str, _Kind]] = {
-    "theme": _one_of(THEMES),
-    "columns": _list_of(
-        f"different names out of {', '.join(ORDER)}",
-        lambda names: all(name in list(ORDER) for name in names) and len({*names}) == len(names),
+    "theme": _Kind(f"one of {', '.join(THEMES)}", lambda value: value in THEMES),
+    "columns": _Kind(
+        f"a list of different names out of {', '.join(ORDER)}",
+        _are_columns,
     ),
-    "language": _one_of((*LANGUAGES, AUTO)),
+    "language": _Kind(f"one of {', '.join(_LANGUAGES)}", lambda value: value in _LANGUAGES),
 }
 """What the table of the screen may have: fields of `Choices`."""
 
 _LIVE: Final[Mapping[str, _Kind]] = {
-    "ports": _list_of(
-        "one or two ports", lambda names: len(names) <= 2 and all(map(_TEXT.holds, names))
+    "ports": _Kind(
+        "a list of one or two ports",
+        lambda value: (
+            isinstance(value, list) and len(value) in (1, 2) and all(map(_TEXT.holds, value))
+        ),
     ),
     "zone": _Kind("a time zone, such as Asia/Shanghai, +08:00 or local", _is_zone),
     "reconnect": _YES_OR_NO,
@@ -104,7 +99,7 @@ _LIVE: Final[Mapping[str, _Kind]] = {
 }
 
 _PORT: Final[Mapping[str, _Kind]] = {
-    "baud": _number("a whole number from 1", lambda number: 1 <= number < 2**31, int),
+    "baud": _Kind("a whole number from 1", lambda value: _is_number(value, int)),
     "resolution": _RATIO,
     "gear-ratio": _RATIO,
 }
@@ -169,7 +164,8 @@ class Settings:
         from fte_sniff.session.user_state import read_choices
 
         stored = read_choices()
-        filters = _values(stored.pop("filters", {}), "filters", None, [])
+        filters = stored.pop("filters", {})
+        filters = _values(filters if isinstance(filters, dict) else {}, "filters", _TEXT, [])
         chosen = _values(stored, "screen", _SCREEN, [])
         return replace(self._written, **chosen, filters=tuple({**self.filters, **filters}.items()))
 
@@ -190,41 +186,37 @@ class Settings:
             print_err(f"the choices of the screen are not saved: {error}")
 
 
-def _known(table: Any, names: Collection[str] | None, where: str, faults: list[str]) -> _Table:
-    """The entries of a table with a known name; None knows any."""
-    if not isinstance(table, dict):
-        faults.append(f"[{where}] must be a table")
-        return {}
-    if names is None:
-        return table
-    place = f" in [{where}]" if where else ""
-    for name in (one for one in table if one not in names):
-        faults.append(f"unknown name {name!r:.60}{place}; use one of {', '.join(names)}")
-    return {name: value for name, value in table.items() if name in names}
-
-
-def _values(table: Any, where: str, kinds: Mapping[str, _Kind] | None, faults: list[str]) -> _Table:
-    """The valid values of a table, by name; None for texts of any name. Lists become tuples."""
+def _values(
+    table: Any, where: str, kinds: Mapping[str, _Kind] | _Kind, faults: list[str]
+) -> dict[str, Any]:
+    """The valid values of a table, by name; one kind is that of any name. Lists become tuples."""
     found = {}
-    for name, value in _known(table, kinds, where, faults).items():
-        kind = _TEXT if kinds is None else kinds[name]
-        if kind.holds(value):
+    place = f" in [{where}]" if where else ""
+    for name, value in table.items():
+        kind = kinds if isinstance(kinds, _Kind) else kinds.get(name)
+        if kind is None:
+            known = ", ".join(map(str, kinds))
+            faults.append(f"unknown name {name!r:.60}{place}; use one of {known}")
+        elif kind.holds(value):
             found[name] = tuple(value) if isinstance(value, list) else value
         else:
-            faults.append(f"{name} in [{where}] must be {kind.wanted}, not {value!r:.60}")
+            faults.append(f"{name}{place} must be {kind.wanted}, not {value!r:.60}")
     return found
+
+
+_TABLES: Final = dict.fromkeys(("screen", "live", "port", "filters"), _TABLE)
 
 
 def parse_settings(content: Mapping[str, Any]) -> Settings:
     """Settings from the tables of a file; invalid entries go to `faults`."""
     faults: list[str] = []
-    tables = _known(content, ("screen", "live", "port", "filters"), "", faults)
-    ports = _known(tables.get("port", {}), None, "port", faults)
+    tables = {name: {} for name in _TABLES} | _values(content, "", _TABLES, faults)
+    ports = _values(tables["port"], "port", _TABLE, faults)
     return Settings(
-        _values(tables.get("screen", {}), "screen", _SCREEN, faults),
-        _values(tables.get("live", {}), "live", _LIVE, faults),
+        _values(tables["screen"], "screen", _SCREEN, faults),
+        _values(tables["live"], "live", _LIVE, faults),
         {name: _values(table, f"port.{name}", _PORT, faults) for name, table in ports.items()},
-        _values(tables.get("filters", {}), "filters", None, faults),
+        _values(tables["filters"], "filters", _TEXT, faults),
         tuple(faults),
     )
 
