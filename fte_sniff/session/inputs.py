@@ -521,6 +521,7 @@ class InputReading:
         self.tally = Tally()
         self.notes = [str(error) for error in unreadable]
         """What is wrong with the inputs, one line each."""
+        self._note_copies()
         self.written = 0
         """Rows that match, up to the limit."""
         self.progress = progress or Progress()
@@ -550,6 +551,17 @@ class InputReading:
         """The sort key of inputs: their first times; those without come last, in their order."""
         first_ns = self._first_ns[id(one)]
         return first_ns is None, first_ns or 0
+
+    def _note_copies(self) -> None:
+        seen = dict[object, Input]()
+        for one in self.inputs:
+            first_ns = self._first_ns[id(one)]
+            other = seen.setdefault((first_ns, *(port.name for port in one.ports)), one)
+            if first_ns is not None and other is not one:
+                self.notes.append(
+                    f"{one.name}: begins at the same time as {other.name}, on the same port; rows"
+                    " that are in both count twice"
+                )
 
     @property
     def counts(self) -> ReadingCounts:

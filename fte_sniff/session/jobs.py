@@ -1,6 +1,6 @@
-"""The same function over groups of files: in this process, in others, or on a cluster.
+"""The same function over groups of files: in other processes, or on a cluster.
 
-    groups of files ──map──> this process | worker processes | a Dask cluster ──parts──> added up
+    groups of files ──map──> worker processes | a Dask cluster ──parts──> added up
 
 What a group gives is a part that adds up, so `map` is enough, and its results are in order.
 """
@@ -26,16 +26,13 @@ _CONNECT_S: Final = 10
 
 
 def mapped(
-    function: Callable[[Group], Result], groups: Iterable[Group], executor: Executor | None
+    function: Callable[[Group], Result], groups: Iterable[Group], executor: Executor
 ) -> Iterator[Result]:
-    """The result for each group, in order; None for this process.
+    """The result for each group, in order.
 
     The function and the groups are pickled for another process. Raises what the function raises;
     FileError if the executor fails.
     """
-    if executor is None:
-        yield from map(function, groups)
-        return
     try:
         yield from executor.map(function, groups)
     except FteSniffError:
@@ -47,16 +44,14 @@ def mapped(
 
 
 @contextmanager
-def executor_of(jobs: int, cluster: str | None = None) -> Iterator[Executor | None]:
-    """The processes, or the cluster with this address, that read; None for this process.
+def executor_of(jobs: int, cluster: str | None = None) -> Iterator[Executor]:
+    """The processes, or the cluster with this address, that read.
 
     Raises FileError if no scheduler answers at the address.
     """
     if cluster is not None:
         with _client(cluster) as executor:
             yield executor
-    elif jobs == 1:
-        yield None
     else:
         with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
             yield pool

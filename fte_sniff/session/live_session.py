@@ -174,12 +174,12 @@ class LiveSession:
         self.stop()
         while not self.state.is_ended:
             self._receive_all(WAIT_S)
-        try:
-            self._process.wait(END_WITHIN_S)
-        except TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._reader.join(END_WITHIN_S)
+        with self._process:  # closes its pipes at the end
+            try:
+                self._process.wait(END_WITHIN_S)
+            except TimeoutExpired:
+                self._process.kill()
+            self._reader.join(END_WITHIN_S)
         if self._plan.is_temporary:
             rmtree(self._plan.recording.parent, ignore_errors=True)
 

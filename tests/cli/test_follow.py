@@ -71,9 +71,9 @@ def writing(environment, folder: Path, name: str) -> Iterator[Process]:
         yield process
 
 
-def partial(folder: Path, name: str) -> Path | None:
+def partial(folder: Path) -> Path | None:
     """The temporary file of an output that is being written; None before it is there."""
-    return next(folder.glob(f".{name}.*.part"), None)
+    return next(folder.glob(".fte-sniff-*.part"), None)
 
 
 def flush(writer: Process, frames: int = 1) -> None:
@@ -108,7 +108,7 @@ def test_the_rows_before_a_kill_of_the_writer_are_kept(run, environment, tmp_pat
         started(environment, tmp_path, *follow) as reader,
     ):
         flush(writer, 3)
-        wait_until(lambda: partial(tmp_path, "rows.csv"))
+        wait_until(lambda: partial(tmp_path))
         flush(writer, 2)
         writer.kill()
         code, _, errors = ended(reader)
@@ -148,7 +148,7 @@ def test_ctrl_c_ends_it_as_a_capture_and_keeps_the_rows(environment, tmp_path: P
         started(environment, tmp_path, *follow) as reader,
     ):
         flush(writer, 3)
-        wait_until(lambda: (part := partial(tmp_path, "rows.csv")) and part.stat().st_size > 300)
+        wait_until(lambda: (part := partial(tmp_path)) and part.stat().st_size > 300)
         reader.send_signal(signal.SIGINT)
         code, _, errors = ended(reader)
     assert code == 0
@@ -165,10 +165,7 @@ def test_all_files_of_a_capture_that_rotates_are_read(run, environment, tmp_path
             wait_until((tmp_path / "c_00004.mcap").exists)
             before = sum(map(rows_in, tmp_path.glob("c_0000[123].mcap")))
             wait_until(
-                lambda: (
-                    (part := partial(tmp_path, "rows.csv"))
-                    and part.read_bytes().count(b"\n") > before + 1
-                )
+                lambda: (part := partial(tmp_path)) and part.read_bytes().count(b"\n") > before + 1
             )
             writer.send_signal(signal.SIGINT)
             assert ended(writer)[0] == 0

@@ -127,7 +127,7 @@ def follow(case: Case) -> None:
 
 def _whole_rows(table: Path) -> list[bytes]:
     """Lines of a table that is being written, without its head."""
-    for path in (table, *table.parent.glob(f"*{table.name}*.part")):
+    for path in (table, *table.parent.glob(".fte-sniff-*.part")):
         if path.exists():
             return path.read_bytes().split(b"\n")[1:-1]
     return []
