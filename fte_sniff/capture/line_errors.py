@@ -67,10 +67,10 @@ class LineErrors:
         if now_ns - self._reported_ns < REPORT_NS and not at_end:
             return ()
         self._reported, self._reported_ns = now, now_ns
-        pairs = zip(now.by_kind, before.by_kind, strict=True)
+        pairs = zip(now, before, strict=True)
         counts = LineErrorCounts(*((a - b) % _COUNT_WRAPS for a, b in pairs))
         kind = PortEventKind.LINE_ERROR
-        return (PortEvent(now_ns, self._name, kind, str(counts), counts.total),)
+        return (PortEvent(now_ns, self._name, kind, str(counts), sum(counts)),)
 
 
 def counters_of(port: serial.Serial) -> Counters:

@@ -66,8 +66,6 @@ class Column:
     name: str
     type: ColumnType
     meaning: str
-    of_row: Callable[[Row], Value] | None
-    """The value in a row; None for a field of a frame, which `record` reads with all others."""
     of_rows: Callable[[Rows], ColumnData] | None
     """The values in a Rows, whose bytes are in `raw`; None for HEX."""
     words: tuple[str, ...] = ()
@@ -78,14 +76,6 @@ class Column:
     signed: bool = True
     derived: bool = False
     """Whether it depends on other rows, so that `analysis.table` computes it."""
-
-
-def _kind_name(row: Row) -> Value:
-    return row.kind.name if row.kind else None
-
-
-def _direction(row: Row) -> Value:
-    return row.direction.value if row.direction else None
 
 
 def _fault_sets(rows: Rows) -> ColumnData:
@@ -101,7 +91,6 @@ def _field_column(field: Field) -> Column:
         field.name,
         ColumnType.INT,
         f"{meaning} [{field.unit}]" if field.unit else meaning,
-        None,
         lambda rows: ColumnData(*rows.field(field.name)),
         unit=field.unit,
         bits=8 * field.size,
@@ -119,28 +108,24 @@ COLUMNS: tuple[Column, ...] = (
         "time",
         ColumnType.TIME,
         "when the first byte began on the wire, UTC",
-        lambda row: row.t_ns,
         lambda rows: ColumnData(rows.t_ns, rows.timed),
     ),
     Column(
         "port",
         ColumnType.TEXT,
         "which wire: the port's name, or the file's",
-        lambda row: row.port,
         lambda rows: ColumnData(rows.port, words=rows.ports),
     ),
     Column(
         "offset",
         ColumnType.INT,
         "of the first byte in that port's stream",
-        lambda row: row.offset,
         lambda rows: ColumnData(rows.offset),
     ),
     Column(
         "length",
         ColumnType.INT,
         "bytes",
-        lambda row: len(row.raw),
         lambda rows: ColumnData(rows.length),
         bits=32,
         signed=False,
@@ -149,7 +134,6 @@ COLUMNS: tuple[Column, ...] = (
         "direction",
         ColumnType.WORD,
         "which way the frame goes",
-        _direction,
         lambda rows: ColumnData(rows.directions, words=(*Direction, None)),
         tuple(Direction),
     ),
@@ -157,7 +141,6 @@ COLUMNS: tuple[Column, ...] = (
         "kind",
         ColumnType.WORD,
         "kind of frame",
-        _kind_name,
         lambda rows: ColumnData(rows.kinds, words=(*(kind.name for kind in KINDS), None)),
         tuple(kind.name for kind in KINDS),
     ),
@@ -165,7 +148,6 @@ COLUMNS: tuple[Column, ...] = (
         "cmd",
         ColumnType.INT,
         "CMD as on the wire",
-        lambda row: row.cmd,
         lambda rows: ColumnData(rows.cmds, rows.framed),
         bits=8,
         signed=False,
@@ -175,7 +157,6 @@ COLUMNS: tuple[Column, ...] = (
         "status",
         ColumnType.WORD,
         "how far the row can be believed",
-        lambda row: row.status.value,
         lambda rows: ColumnData(rows.statuses, words=tuple(Status)),
         tuple(Status),
     ),
@@ -183,7 +164,6 @@ COLUMNS: tuple[Column, ...] = (
         "faults",
         ColumnType.WORDS,
         "what is wrong with the row",
-        lambda row: [fault.value for fault in row.faults],
         _fault_sets,
         tuple(FAULT_MEANINGS),
     ),
@@ -191,14 +171,12 @@ COLUMNS: tuple[Column, ...] = (
         "raw",
         ColumnType.HEX,
         "the bytes",
-        lambda row: row.raw.hex().upper(),
         None,
     ),
     Column(
         "answer_ms",
         ColumnType.REAL,
         "from a command to the feedback that answers it, the slowest motor's [ms]",
-        lambda row: None if row.answer_ns is None else _milliseconds(row.answer_ns),
         lambda rows: ColumnData(_milliseconds(rows.answer_ns), rows.answer_ns != NO_FACT),
         unit="ms",
         derived=True,
@@ -207,7 +185,6 @@ COLUMNS: tuple[Column, ...] = (
         "unanswered",
         ColumnType.BOOL,
         "whether a command had no answer by the deadline; null where that is not known",
-        lambda row: row.unanswered,
         lambda rows: ColumnData(rows.unanswered > 0, rows.unanswered != NO_FACT),
         derived=True,
     ),
@@ -215,7 +192,6 @@ COLUMNS: tuple[Column, ...] = (
         "motor_hint",
         ColumnType.INT,
         "the motor that a damaged row probably belonged to",
-        lambda row: row.motor_hint,
         lambda rows: ColumnData(rows.motor_hint, rows.motor_hint != NO_FACT),
         bits=8,
         derived=True,
@@ -225,14 +201,29 @@ COLUMNS: tuple[Column, ...] = (
 
 COLUMN_BY_NAME = {column.name: column for column in COLUMNS}
 
-_OF_ROW = tuple((column.name, column.of_row) for column in COLUMNS)
-
 
 def record(row: Row) -> dict[str, Value]:
     """The row as a dict of `COLUMNS`, in order: UTC time in ns, `raw` as hex, None if absent."""
-    values = {name: None if of_row is None else of_row(row) for name, of_row in _OF_ROW}
-    values.update(row.values)
-    return values
+    return {
+        "time": row.t_ns,
+        "port": row.port,
+        "offset": row.offset,
+        "length": len(row.raw),
+        "direction": row.direction and row.direction.value,
+        "kind": row.kind.name if row.kind else None,
+        "cmd": row.cmd,
+        **_NO_VALUES,
+        **row.values,
+        "status": row.status.value,
+        "faults": [fault.value for fault in row.faults],
+        "raw": row.raw.hex().upper(),
+        "answer_ms": None if row.answer_ns is None else _milliseconds(row.answer_ns),
+        "unanswered": row.unanswered,
+        "motor_hint": row.motor_hint,
+    }
+
+
+_NO_VALUES: dict[str, Value] = dict.fromkeys(field.name for field in VALUE_FIELDS)
 
 
 def _previous_column(field: Field) -> Column:
@@ -240,7 +231,6 @@ def _previous_column(field: Field) -> Column:
         f"previous({field.name})",
         ColumnType.INT,
         f"{field.name} of the frame before of the same port, motor and kind",
-        None,
         lambda rows: ColumnData(*rows.previous_field(field.name)),
         bits=8 * field.size,
         signed=field.signed,

@@ -1,4 +1,4 @@
-"""Explain a row: its bytes field by field, and the readings of damage.
+"""Explain a row: its bytes field by field.
 
 The framer decides what is wrong with a row; its decision is `row.faults`. The explanation follows
 it: each fault is shown at the bytes that have it, and no other fault is reported. Rows read from a
@@ -7,9 +7,8 @@ file carry the same faults and get the same explanation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
-from itertools import takewhile
 from typing import Any, NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
@@ -22,7 +21,6 @@ from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     HEADER_BYTES,
     KIND_BY_HEADER_AND_CMD,
-    KINDS,
     MOTORS,
     NUM_OFFSET,
     TAIL,
@@ -39,11 +37,6 @@ _HEADER_MEANINGS = {
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
 _HEADERS = [f"{header:02X}" for header in HEADER_BYTES]
-_LAYOUTS = [
-    [(kind, kind.legal_bytes(open_reserve=0)) for kind in KINDS],
-    [(kind, kind.legal_bytes()) for kind in KINDS],
-]
-"""The legal bytes of each kind: with 00 in its reserve, and with anything."""
 
 
 class ExplainedBit(NamedTuple):
@@ -86,12 +79,12 @@ def dissect(row: Row) -> list[ExplainedField]:
     size, faults = len(row.raw), row.faults
     if row.framed:
         return [_decoded(row, slot) for slot in _layout(row.kind)]
+    kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], (row.raw + b"\0")[CMD_OFFSET]))
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
-        kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], row.raw[CMD_OFFSET]))
-        return list(_undecoded_slots(row, kind, range(FRAME_LENGTH)))
+        return [*_undecoded_slots(row, kind)]
     length_fault = Fault.TRUNCATED if size < FRAME_LENGTH else Fault.OVERLONG
     if length_fault in faults and size != FRAME_LENGTH:
-        return list(_spliced(row, length_fault))
+        return [*_undecoded_slots(row, kind), _length_damage(row, length_fault)]
     fault = Fault.NOISE if Fault.NOISE in faults else next(iter(faults), None)
     return [_explained(row, range(size), "noise", fault=fault)]
 
@@ -266,72 +259,23 @@ def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
     return _explained(row, offsets, slot.name, slot.meaning, fault=own, note=note)
 
 
-def _undecoded_slots(
-    row: Row, kind: FrameKind | None, within: range, shift: int = 0
-) -> Iterator[ExplainedField]:
-    """The slots of a frame, cut to the offsets `within`; the row has them `shift` bytes later."""
+def _undecoded_slots(row: Row, kind: FrameKind | None) -> Iterator[ExplainedField]:
+    """The slots of a frame as far as the row has bytes."""
     for slot in _layout(kind):
-        start = max(slot.offsets.start, within.start) + shift
-        stop = min(slot.offsets.stop, within.stop) + shift
-        if start < stop:
-            yield _undecoded(row, slot, range(start, stop))
+        offsets = range(slot.offsets.start, min(slot.offsets.stop, len(row.raw)))
+        if offsets:
+            yield _undecoded(row, slot, offsets)
 
 
-def _spliced(row: Row, fault: Fault) -> Iterator[ExplainedField]:
-    """The head of a frame, the bytes that are missing or too many, and its rest."""
-    size = len(row.raw)
-    kind, head, rest = _split(row.raw)
-    inner = range(head, size - rest)
-    if head + rest < min(size, FRAME_LENGTH):
-        name = "payload"
+def _length_damage(row: Row, fault: Fault) -> ExplainedField:
+    """What is missing at the end of a row, or too much there: it may have been anywhere before."""
+    count = len(row.raw)
+    if fault is Fault.TRUNCATED:
         meaning = TranslatableText(
-            "{count} bytes where a frame has {length}; no kind of frame fits them",
-            count=size,
+            "{count} of a frame's {length} bytes are missing, here or before",
+            count=FRAME_LENGTH - count,
             length=FRAME_LENGTH,
         )
-    elif fault is Fault.TRUNCATED:
-        name = "missing"
-        last = FRAME_LENGTH - rest - 1
-        meaning = TranslatableText(
-            "{place} missing: {count} of a frame's {length} bytes, or others in its place",
-            place=f"DATA[{head}]" if head == last else f"DATA[{head}] to DATA[{last}]",
-            count=FRAME_LENGTH - size,
-            length=FRAME_LENGTH,
-        )
-    else:
-        name = "extra"
-        meaning = TranslatableText(
-            "{count} bytes too many, here or nearby: {all} where a frame has {length}",
-            count=len(inner),
-            all=size,
-            length=FRAME_LENGTH,
-        )
-    yield from _undecoded_slots(row, kind, range(head))
-    yield _explained(row, inner, name, meaning, fault=fault)
-    ending = range(FRAME_LENGTH - rest, FRAME_LENGTH)
-    yield from _undecoded_slots(row, kind, ending, size - FRAME_LENGTH)
-
-
-def _split(raw: bytes) -> tuple[FrameKind | None, int, int]:
-    """The kind of which the bytes hold the longest head and the whole rest, and the sizes of both.
-
-    The kind is None if the head has no CMD. If no kind fits, the head is the header, and the rest
-    is the tail, if there is one.
-    """
-    whole = min(len(raw), FRAME_LENGTH)
-    longest = whole if len(raw) < FRAME_LENGTH else whole - 1
-    for layouts in _LAYOUTS:
-        best: tuple[FrameKind | None, int, int] | None = None
-        for kind, legal in layouts:
-            head = min(_fitting(raw, legal), longest)
-            longer = head > (best[1] if best else 0)
-            if longer and head + _fitting(raw[::-1], legal[::-1]) >= whole:
-                best = kind if head > CMD_OFFSET else None, head, whole - head
-        if best:
-            return best
-    return None, 1, int(len(raw) > 1 and raw[-1] == TAIL)
-
-
-def _fitting(raw: bytes, legal: Sequence[bytes | None]) -> int:
-    pairs = zip(raw, legal, strict=False)
-    return sum(1 for _ in takewhile(lambda pair: pair[1] is None or pair[0] in pair[1], pairs))
+        return _explained(row, range(count, count), "missing", meaning, fault=fault)
+    meaning = TranslatableText("{count} bytes too many, here or before", count=count - FRAME_LENGTH)
+    return _explained(row, range(FRAME_LENGTH, count), "extra", meaning, fault=fault)

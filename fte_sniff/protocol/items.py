@@ -10,13 +10,9 @@ LineErrorCounts  how many errors of each kind the UART reported
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import reduce
 from typing import NamedTuple
-
-from fte_sniff.errors import TranslatableText
 
 
 class Chunk(NamedTuple):
@@ -57,8 +53,7 @@ class PortEventKind(StrEnum):
     BYTES_AGAIN = "bytes_again"
 
 
-@dataclass(frozen=True, slots=True)
-class LineErrorCounts:
+class LineErrorCounts(NamedTuple):
     """How many errors a UART reported, by kind; false if there are none."""
 
     framing: int = 0
@@ -71,37 +66,14 @@ class LineErrorCounts:
     buffer_overruns: int = 0
     """Bytes lost in the driver: no program read them in time."""
 
-    @property
-    def by_kind(self) -> tuple[int, int, int, int, int]:
-        """The counts in the order of their definition."""
-        return self.framing, self.parity, self.breaks, self.overruns, self.buffer_overruns
-
-    @property
-    def total(self) -> int:
-        """The number of all errors."""
-        return sum(self.by_kind)
-
     def __bool__(self) -> bool:
-        return any(self.by_kind)
-
-    def __add__(self, other: LineErrorCounts) -> LineErrorCounts:
-        return LineErrorCounts(*map(int.__add__, self.by_kind, other.by_kind))
+        return any(self)
 
     def __str__(self) -> str:
         """The counts that are not 0: `2 framing, 1 break`."""
-        counts = [text for text in self._texts() if text.values["count"]]
-        if not counts:
-            return ""
-        return reduce(
-            lambda one, other: TranslatableText("{one}, {other}", one=one, other=other), counts
-        )
-
-    def _texts(self) -> Iterator[TranslatableText]:
-        yield TranslatableText("{count:,} framing", count=self.framing)
-        yield TranslatableText("{count:,} parity", count=self.parity)
-        yield TranslatableText("{count:,} break", count=self.breaks)
-        yield TranslatableText("{count:,} overrun", count=self.overruns)
-        yield TranslatableText("{count:,} buffer overrun", count=self.buffer_overruns)
+        names = "framing", "parity", "break", "overrun", "buffer overrun"
+        counts = zip(self, names, strict=True)
+        return ", ".join(f"{count:,} {name}" for count, name in counts if count)
 
 
 @dataclass(frozen=True, slots=True)

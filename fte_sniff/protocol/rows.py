@@ -331,13 +331,6 @@ class Rows(Sequence[Row]):
         return (int(times.min()), int(times.max())) if len(times) else None
 
     @property
-    def times(self) -> tuple[int, int] | None:
-        """The first row's time and the latest one; None without rows, or if one has no time."""
-        if not len(self) or not self.timed.all():
-            return None
-        return int(self.t_ns[0]), int(self.t_ns.max())
-
-    @property
     def size(self) -> int:
         """The number of bytes of all rows."""
         return int(self.length.sum())

@@ -50,12 +50,7 @@ _OPCODES: Final = frozenset(map(int, Opcode))
 
 
 class DamagedError(ValueError):
-    """Bytes that are not what they claim to be; the text is a `TranslatableText`."""
-
-    @property
-    def why(self) -> str:
-        """What is wrong."""
-        return str(self.args[0])
+    """Bytes that are not what they claim to be; the only argument is a `TranslatableText`."""
 
 
 class ChunkRef(NamedTuple):
@@ -231,8 +226,11 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             is_ended = True
             # Behind the end of a file that is being written may be zeros, and a second end.
             at = file.size if is_growing else _next_chunk(file, stop, file.size)
+            behind = stop + len(MAGIC)
             if at < file.size:
                 found.lost.append(LostBytes(stop, at, _RECORDS_LOST))
+            elif not is_growing and _JUNK.match(file.read(stop, behind + HEAD.size)):
+                found.lost.append(LostBytes(behind, file.size, _BEHIND_END))
     if not is_ended:
         found.lost.append(LostBytes(file.size, file.size, _END_LOST))
     return found
@@ -282,6 +280,9 @@ class _Bytes(NamedTuple):
         return read_at(self.descriptor, max(0, min(stop, self.size) - start), start)
 
 
+_JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\Z)")
+"""An end of a file, and behind it neither the end of the file nor what a capture writes there."""
+_BEHIND_END: Final = TranslatableText("they are behind the end of the recording")
 _RECORDS_LOST: Final = TranslatableText("damaged records")
 _END_LOST: Final = TranslatableText("the file is damaged or cut off there")
 

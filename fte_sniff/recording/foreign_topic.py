@@ -5,8 +5,7 @@ By the encoding of the message, the bytes are:
     cdr, with a schema        its one byte array: std_msgs/UInt8MultiArray, or any message whose
                               schema has one uint8[]
     protobuf, with a schema   its one field of type bytes
-    json                      its one base64 string, or its one list of numbers from 0 to 255
-    other or none             the message itself
+    other or none             the message itself, but not JSON
 
 Messages may be in any order in a file. They are read in the order of their log times, as the
 readers of the `mcap` package do: a chunk is read when the first of its times is due.
@@ -14,12 +13,9 @@ readers of the `mcap` package do: a chunk is read when the first of its times is
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 import struct
 from collections.abc import Callable, Collection, Iterator
-from contextlib import suppress
 from heapq import heapify, heappop, heappush
 from pathlib import Path
 from typing import BinaryIO, Final, Literal, NamedTuple
@@ -129,7 +125,7 @@ class _TopicReader:
                     self._contents.define(opcode, body)
         except DamagedError as error:
             raise FileError(
-                "{path}: {why} at byte {at}", path=self._path, why=error.why, at=chunk.start
+                "{path}: {why} at byte {at}", path=self._path, why=error.args[0], at=chunk.start
             ) from error
 
     def _of_topics(self, place: tuple[int, int], body: bytes) -> Iterator[_Message]:
@@ -158,7 +154,9 @@ class _TopicReader:
             return _protobuf(schema)
         if channel.message_encoding == "cdr" and schema is not None:
             return _cdr(schema)
-        return _json if channel.message_encoding == "json" else bytes
+        if channel.message_encoding == "json":
+            raise ValueError("its messages are JSON, which is not read")
+        return bytes
 
 
 def _protobuf(schema: Schema) -> Payload:
@@ -262,20 +260,6 @@ class _Cdr:
             raise ValueError("a message that is shorter than it says")
         self._offset = start + size
         return self._data[start : self._offset]
-
-
-def _json(data: bytes) -> bytes:
-    try:
-        found = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise ValueError("a message that is not JSON") from error
-    values = found.values() if isinstance(found, dict) else [found]
-    candidates = [one for one in values if isinstance(one, list | str)]
-    if len(candidates) == 1:
-        (one,) = candidates
-        with suppress(TypeError, ValueError):
-            return base64.b64decode(one, validate=True) if isinstance(one, str) else bytes(one)
-    raise ValueError("JSON without one text of base64 or one list of bytes")
 
 
 def _only(names: list[str], schema: str) -> str:

@@ -217,14 +217,9 @@ class Recording:
         return self.metadata.get(END_NAME, {}).get("reason", "")
 
     @property
-    def has_summary(self) -> bool:
-        """Whether the file ends with a summary, as a recording that is complete does."""
-        return self.contents.is_indexed
-
-    @property
     def is_whole(self) -> bool:
         """Whether it has a summary, and everything that was read so far is intact."""
-        return self.has_summary and not self.losses
+        return self.contents.is_indexed and not self.losses
 
     @property
     def losses(self) -> list[str]:
@@ -529,7 +524,7 @@ def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
             starts = _walked_starts(records) if starts is None else starts
             found.append(Messages.at(starts, records))
         except DamagedError as error:
-            found.append(LostBytes(one.start, one.stop, error.why))
+            found.append(LostBytes(one.start, one.stop, error.args[0]))
     return found
 
 

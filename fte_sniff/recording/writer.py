@@ -394,8 +394,8 @@ class RecordingWriter:
         self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""
         self.unflushed: list[Entry] = []
-        self.flushed_rows = self.flushed_events = 0
-        """Rows and port events in the file."""
+        self.flushed_rows = 0
+        """Rows in the file."""
         self.span_ns: tuple[int, int] | None = None
         """First and last log time in the file; None without any."""
         self._encoder = Encoder(ports, facts or {})
@@ -437,7 +437,6 @@ class RecordingWriter:
         chunk = self._encoder.chunk(messages, packed(messages), self._file.end)
         self._append(chunk, self._encoder.tail, waits=waits)
         self.flushed_rows += self.unflushed_rows
-        self.flushed_events += sum(isinstance(one, PortEvent) for one in self.unflushed)
         self.unflushed = []
         self.span_ns = self._encoder.times
 

@@ -167,7 +167,7 @@ def test_a_move_to_the_side_has_its_erratum_without_a_fault(speed: str) -> None:
     [
         ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
         ("AA 01 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
-        ("AA B2", Fault.TRUNCATED, "payload", ""),
+        ("AA B2", Fault.TRUNCATED, "missing", ""),
         ("AA", Fault.TRUNCATED, "missing", ""),
         ("AA EE", Fault.TRUNCATED, "missing", ""),
         ("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG, "extra", ""),
@@ -180,12 +180,12 @@ def test_damage_names_the_byte_at_fault(text: str, fault: Fault, field: str, not
     assert note in found.note
 
 
-def test_missing_and_extra_bytes_are_located() -> None:
+def test_missing_and_extra_bytes_are_counted() -> None:
     missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
-    assert (missing.offsets, missing.raw) == (range(5, 5), b"")
-    assert "DATA[5] to DATA[8] missing" in missing.meaning
+    assert (missing.offsets, missing.raw) == (range(6, 6), b"")
+    assert "4 of a frame's 10 bytes are missing" in missing.meaning
     extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
-    assert extra.raw == b"\x12\x34"
+    assert extra.raw == b"\x00\xee"
     assert "2 bytes too many" in extra.meaning
 
 

@@ -322,6 +322,17 @@ def test_a_loss_is_stated_in_bytes_and_times(tmp_path: Path) -> None:
     assert stated["fte-sniff.repair"]["lost.1"].startswith(f"{where} (")
 
 
+@pytest.mark.parametrize("way", ["one port", "under way"])
+def test_bytes_behind_the_end_are_reported(way: str, tmp_path: Path) -> None:
+    one = recorded(way)
+    end = len(one.content)
+    found = check(one, one.content + b"junk", tmp_path / "x.mcap", EVERYTHING, True)
+    assert found.rows == one.rows
+    assert found.reports == [
+        f"bytes {end} to {end + 4} could not be read: they are behind the end of the recording"
+    ]
+
+
 def test_many_losses_are_summed_up(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     with RecordingWriter(path, [PortFacts("p")]) as writer:
