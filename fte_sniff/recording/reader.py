@@ -520,21 +520,19 @@ def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
         data = read_at(descriptor, one.end - one.start, one.start)
         try:
             records = unpack(data[HEAD.size : one.stop - one.start])
-            starts = _indexed_starts(data[one.stop - one.start :], records)
-            starts = _walked_starts(records) if starts is None else starts
-            found.append(Messages.at(starts, records))
+            indexes = data[one.stop - one.start :]
+            found.append(_indexed(indexes, records) or _walked(records))
         except DamagedError as error:
             found.append(LostBytes(one.start, one.stop, error.args[0]))
     return found
 
 
-_NO_MESSAGES: Final = Messages.at(np.empty(0, np.int64), bytes(MESSAGE_HEAD))
 _INDEX_HEAD: Final = HEAD.size + 6
 _ENTRY: Final = 16
 
 
-def _indexed_starts(indexes: bytes, records: bytes) -> Ints | None:
-    """The message starts in a chunk's index records; None if they do not tile its records."""
+def _indexed(indexes: bytes, records: bytes) -> Messages | None:
+    """The messages in a chunk's index records; None if they do not tile its records."""
     found, at = [np.empty(0, "<u8")], 0
     while at + _INDEX_HEAD <= len(indexes):
         length = HEAD.unpack_from(indexes, at)[1]
@@ -548,14 +546,18 @@ def _indexed_starts(indexes: bytes, records: bytes) -> Ints | None:
     stops = np.append(starts[1:], len(records))
     tile = starts + HEAD.size + heads["length"] == stops
     fits = tile & (heads["opcode"] == Opcode.MESSAGE) & (stops - starts >= MESSAGE_HEAD)
-    return starts if fits.all() else None
+    return Messages.at(starts, heads, records) if fits.all() else None
 
 
-def _walked_starts(records: bytes) -> Ints:
-    """The starts of messages; raises DamagedError if a record is cut."""
+def _walked(records: bytes) -> Messages:
+    """The messages among some records; raises DamagedError if a record is cut."""
     own = [
         at
         for opcode, at, stop in records_in(records)
         if opcode == Opcode.MESSAGE and stop - at >= MESSAGE_HEAD
     ]
-    return np.array(own, np.int64)
+    starts = np.array(own, np.int64)
+    return Messages.at(starts, heads_at(records, starts), records)
+
+
+_NO_MESSAGES: Final = _walked(b"")

@@ -22,8 +22,8 @@ from google.protobuf.message import DecodeError
 
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import (
+    COLUMNS,
     MOST_BYTES,
-    NO_TIME,
     Array,
     Bools,
     Codes,
@@ -58,6 +58,8 @@ _WORD: Final = 8
 _SIZES: Final = {1: 8, 5: 4}
 """Bytes of a number by its wire type."""
 _DELIMITED: Final = 2
+_NUMBERS: Final = {"time_ns": "t_ns", "offset": "offset", "read_delay_ns": "delay_ns"}
+"""The columns of the numbers that are not in the bytes."""
 _IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 
 
@@ -74,9 +76,8 @@ class Messages(NamedTuple):
     """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
 
     @classmethod
-    def at(cls, starts: Ints, records: bytes) -> Messages:
-        """The messages at some offsets, each with a whole head."""
-        heads = heads_at(records, starts)
+    def at(cls, starts: Ints, heads: Array, records: bytes) -> Messages:
+        """The messages at some offsets, with these heads."""
         lengths = heads["length"] - (MESSAGE_HEAD - HEAD.size)
         return cls(records, starts, lengths, heads["channel"].astype(int), heads["log"].copy())
 
@@ -142,26 +143,33 @@ class _Skeleton:
         fits: Bools = differing == 0
         return fits
 
-    def number(self, windows: Array, name: str, missing: Any) -> Any:
-        """A 64-bit number in each message, or what stands for it in a message without it."""
-        first, size = self.fields.get(name, (0, 0))
-        if size != _WORD:
-            return missing
-        return np.ndarray(len(windows), "<i8", windows, self.padding + first, windows.strides)
-
     def store(self, windows: Array, rows: Array, columns: Rows) -> Bools:
-        """Fill in the columns of these rows, up to their 16th byte; returns which are valid."""
-        t_ns = self.number(windows, "time_ns", columns.t_ns[rows])
-        offset = self.number(windows, "offset", np.zeros(len(rows), np.int64))
-        columns.t_ns[rows], columns.offset[rows] = t_ns, offset
-        columns.delay_ns[rows] = self.number(windows, "read_delay_ns", NO_TIME)
-        columns.length[rows] = size = min(self.size, MOST_BYTES)
-        columns.faults[rows] = self.faults
-        columns.framed[rows], columns.unordered[rows] = self.framed, self.unordered
+        """Fill in the columns of these rows, up to their 16th byte; returns which are valid.
+
+        What a message does not have, and most have alike, stays as it is.
+        """
+        valid: Bools = np.ones(len(rows), np.bool_)
+        for name, column in _NUMBERS.items():
+            first, size = self.fields.get(name, (0, 0))
+            if size == _WORD:
+                place = self.padding + first
+                values = np.ndarray(len(windows), "<i8", windows, place, windows.strides)
+                columns.columns[column][rows] = values
+                valid &= (values >= 0) | (column == "delay_ns")
+        length = min(self.size, MOST_BYTES)
+        shared = {
+            "length": length,
+            "faults": self.faults,
+            "framed": self.framed,
+            "unordered": self.unordered,
+        }
+        for column, value in shared.items():
+            if value != COLUMNS[column][1]:
+                columns.columns[column][rows] = value
         raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
-        first = np.ndarray(len(raw), f"V{size}", windows, self.raw.start, windows.strides)
-        np.ndarray(len(columns), f"V{size}", columns.raw, 0, columns.raw.strides[:1])[rows] = first
-        valid: Bools = (t_ns >= 0) & (offset >= 0)
+        start = np.ndarray(len(raw), f"V{length}", windows, self.raw.start, windows.strides)
+        own: Array = np.ndarray(len(columns), f"V{length}", columns.raw, 0, columns.raw.strides[:1])
+        own[rows] = start
         if self.framed:
             valid &= _IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
         return valid
@@ -241,15 +249,16 @@ class MessageDecoder:
         events: dict[int, PortEvent] = {}
         known = np.zeros(1 << 16, np.bool_)
         known[list(types)] = True
-        unreadable = int((known.take(messages.channels) & ~_are_legible(messages)).sum())
+        legible = _are_legible(messages)
+        unreadable = int((known.take(messages.channels) & ~legible).sum())
         port_codes = np.zeros(1 << 16, np.uint16)
         port_codes[list(ports)] = [names.index(port) for port in ports.values()]
         columns.port[:] = port_codes.take(messages.channels)
-        for kind, length, rows in _alike(messages, types):
+        for kind, length, rows in _alike(messages, legible, types):
             if kind.is_event:
-                legible = _events(messages, rows, kind, ports)
-                events |= legible
-                unreadable += len(rows) - len(legible)
+                own = _events(messages, rows, kind, ports)
+                events |= own
+                unreadable += len(rows) - len(own)
             else:
                 good = self._decode_alike(messages, length, rows, kind, columns, more)
                 kept[good] = True
@@ -313,14 +322,14 @@ def heads_at(records: bytes, starts: Ints) -> Array:
 
 
 def _alike(
-    messages: Messages, types: Mapping[int, MessageType]
+    messages: Messages, legible: Bools, types: Mapping[int, MessageType]
 ) -> list[tuple[MessageType, int, Array]]:
     """The messages of each type and length: their indices, in file order."""
     kinds = list({id(one): one for one in types.values()}.values())
     numbers = {id(one): number for number, one in enumerate(kinds, 1)}
     codes = np.zeros(1 << 16, np.int64)
     codes[list(types)] = [numbers[id(one)] for one in types.values()]
-    own = np.where(_are_legible(messages), codes.take(messages.channels), 0)
+    own = np.where(legible, codes.take(messages.channels), 0)
     keys = own * LONGEST + np.clip(messages.lengths, 0, LONGEST - 1)
     if len(kinds) < (1 << 16) // LONGEST:
         keys = keys.astype(np.uint16)  # which numpy sorts in one pass
@@ -336,8 +345,9 @@ def _alike(
 
 
 def _are_legible(messages: Messages) -> Bools:
-    """Which messages have a length that is read."""
-    return (messages.lengths > 0) & (messages.lengths < LONGEST)
+    """Which messages have a length and a time that are read."""
+    has_length = (messages.lengths > 0) & (messages.lengths < LONGEST)
+    return has_length & (messages.log_times >= 0)
 
 
 def _events(
