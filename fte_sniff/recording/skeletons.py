@@ -316,6 +316,13 @@ def at_every_byte(records: bytes | Codes, size: int) -> Array:
     return np.ndarray((max(0, len(records) - size + 1),), f"V{size}", records, 0, (1,))
 
 
+def groups_of(keys: Array) -> list[Ints]:
+    """The indices of each value, in order; the values rise."""
+    by_key = np.argsort(keys, kind="stable")
+    cuts = np.flatnonzero(np.diff(keys[by_key])) + 1
+    return np.split(by_key, cuts) if len(keys) else []
+
+
 def heads_at(records: bytes, starts: Ints) -> Array:
     """The heads of the message records at some offsets."""
     return at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
@@ -333,15 +340,12 @@ def _alike(
     keys = own * LONGEST + np.clip(messages.lengths, 0, LONGEST - 1)
     if len(kinds) < (1 << 16) // LONGEST:
         keys = keys.astype(np.uint16)  # which numpy sorts in one pass
-    by_key = np.argsort(keys, kind="stable")
-    cuts = np.flatnonzero(np.diff(keys[by_key])) + 1
-    groups = np.split(by_key, cuts) if len(by_key) else []
-    heads = [divmod(int(keys[group[0]]), LONGEST) for group in groups]
-    return [
-        (kinds[code - 1], length, group)
-        for (code, length), group in zip(heads, groups, strict=True)
-        if code
-    ]
+    found = list[tuple[MessageType, int, Array]]()
+    for rows in groups_of(keys):
+        code, length = divmod(int(keys[rows[0]]), LONGEST)
+        if code:
+            found.append((kinds[code - 1], length, rows))
+    return found
 
 
 def _are_legible(messages: Messages) -> Bools:

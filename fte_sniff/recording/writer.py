@@ -67,7 +67,13 @@ from fte_sniff.recording.schema import (
     schemas,
     topics_of,
 )
-from fte_sniff.recording.skeletons import MESSAGE, MESSAGE_HEAD, Template, at_every_byte
+from fte_sniff.recording.skeletons import (
+    MESSAGE,
+    MESSAGE_HEAD,
+    Template,
+    at_every_byte,
+    groups_of,
+)
 
 MOST_ROWS: Final = 16_384
 """Rows of a chunk, at most."""
@@ -225,14 +231,13 @@ class Encoder:
 
     def chunk(self, messages: ChunkMessages, record: bytes, at: int) -> bytes:
         """A chunk at an offset of the file: its record, from `packed`, and its message indexes."""
-        by_channel = np.argsort(messages.channels.astype(np.uint16), kind="stable")
-        entries = np.stack([messages.times, messages.starts], 1).astype("<u8")[by_channel]
-        channels, firsts = np.unique(messages.channels[by_channel], return_index=True)
+        entries = np.stack([messages.times, messages.starts], 1).astype("<u8")
         indexes, offsets = bytearray(), dict[int, int]()
-        for channel, own in zip(channels.tolist(), np.split(entries, firsts[1:]), strict=True):
+        for own in groups_of(messages.channels.astype(np.uint16)):
+            channel, body = int(messages.channels[own[0]]), entries[own].tobytes()
             offsets[channel] = at + len(record) + len(indexes)
-            body = struct.pack("<HI", channel, own.nbytes) + own.tobytes()
-            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body)) + body
+            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body) + 6)
+            indexes += struct.pack("<HI", channel, len(body)) + body
         size = len(record) - HEAD.size - 32 - len("zstd") - 8
         last, first = int(messages.times[-1]), int(messages.times[0])
         sizes = len(indexes), offsets, first, len(messages.data)
@@ -310,15 +315,12 @@ class Encoder:
         log_times[order] = times
         found: list[tuple[Ints, Array]] = []
         keys = _keys_of(rows, log_times[: len(rows)])
-        unique, group = np.unique(keys, return_inverse=True)
-        by_group = np.argsort(group, kind="stable")
-        cuts = np.cumsum(np.bincount(group, minlength=len(unique)))[:-1]
-        for key, own in zip(unique.tolist(), np.split(by_group, cuts), strict=False):
-            template = self._templates.get(key)
-            if template is None:
-                first = int(own[0])
-                template = self._templates[key] = Template(rows[first], int(log_times[first]))
-            found.append((own, template.encode(rows, own)))
+        for own in groups_of(keys):
+            first = int(own[0])
+            key = int(keys[first])
+            if key not in self._templates:
+                self._templates[key] = Template(rows[first], int(log_times[first]))
+            found.append((own, self._templates[key].encode(rows, own)))
         for number, event in enumerate(events, len(rows)):
             message = encode_event(event, int(log_times[number]))
             found.append((np.array([number]), np.array([np.void(message)])))
@@ -340,7 +342,10 @@ class Encoder:
         heads["channel"] = channels
         heads["sequence"] = sum(self._counts.values()) + np.arange(len(order))
         heads["log"] = heads["publish"] = times
-        self._counts.update(channels.tolist())
+        counts = np.bincount(channels)
+        self._counts.update(
+            {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
+        )
         at_every_byte(data, MESSAGE_HEAD)[starts] = heads.view(f"V{MESSAGE_HEAD}")
         for own, values in messages:
             at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values
