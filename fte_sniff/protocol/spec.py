@@ -161,15 +161,6 @@ class Field:
     erratum: str = ""
     """Where the document contradicts itself about values other than 0: what holds, in one line."""
 
-    def __post_init__(self) -> None:
-        """Check that faults can be found byte by byte, as the framer does; raises ValueError."""
-        every = 1 << 8 * self.size
-        limited = self.high - self.low + 1 < every or self.legal_bits not in {None, every - 1}
-        if limited != (self.fault is not None) or (limited and self.size > 1):
-            raise ValueError(
-                f"{self.name}: a field with illegal values has one byte, and names their fault"
-            )
-
     @property
     def signed(self) -> bool:
         """Whether the field is two's complement."""

@@ -65,13 +65,9 @@ def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dic
     return found
 
 
-_MOST_BAUD_DIGITS: Final = 9
-
-
 def baud_in(text: str) -> int | None:
     """The baud in a text from a file; None if it is not a number."""
-    legible = text.isascii() and text.isdecimal() and len(text) <= _MOST_BAUD_DIGITS
-    return int(text) if legible else None
+    return int(text) if _is_number(text) else None
 
 
 class Part(NamedTuple):
