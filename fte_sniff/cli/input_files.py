@@ -48,7 +48,7 @@ from fte_sniff.errors import (
     unreadable,
 )
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import DEFAULT_BAUD, Gap, Status, iso_time, status_of
+from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Gap, Status, iso_time, status_of
 from fte_sniff.session.following import Following, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
@@ -60,9 +60,7 @@ from fte_sniff.session.inputs import (
     Progress,
     chunk_input,
     kind_of,
-    log_input,
     recording_input,
-    size_of,
 )
 from fte_sniff.session.save import is_same_file
 
@@ -158,7 +156,7 @@ _HELP = (
     "or -10s (before the last)"
 )
 
-Times = tuple[int, int | None] | None
+Times = tuple[int, int] | None
 """The first and the last time of an input, see `time_range`."""
 
 
@@ -183,9 +181,8 @@ def time_range(
     Args:
         since: the text of `--from`, if given.
         until: the text of `--to`, if given.
-        times: first and last time of each input, nanoseconds since 1970 UTC; the last is None if it
-            is not known before reading. Read only for relative times, because a log must be read
-            completely for them.
+        times: first and last time of each input, nanoseconds since 1970 UTC. Read only for
+            relative times, because a log must be read completely for them.
         zone: the zone of times that name none; None for UTC.
 
     Raises:
@@ -213,10 +210,7 @@ def time_range(
 
 def _bounds(times: Iterable[Times]) -> Times:
     known = [found for found in times if found is not None]
-    if not known:
-        return None
-    ends = [last for _, last in known if last is not None]
-    return min(first for first, _ in known), max(ends) if len(ends) == len(known) else None
+    return (min(known)[0], max(last for _, last in known)) if known else None
 
 
 def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
@@ -238,11 +232,6 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
         return clock.on_day_of(first, zone)
     if sign == "+":
         return first + (found or 0)
-    if last is None:
-        raise UsageError(
-            f"{option} {shortened(text)}: the last time of the input is not known before it is"
-            " read; write the time in full, or from the first row, as +10s"
-        )
     return last - (found or 0)
 
 
@@ -592,15 +581,23 @@ def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> I
         return recording_input(Recording(Path(name), stream))
     if kind is InputKind.RAW:
         baud = query.baud or DEFAULT_BAUD
-        chunks = raw_chunks(stream or path, name, query.start_ns(), baud)
-        size = size_of(path) if stream is None else None
-        is_named = query.kind is not None or path.suffix.lower() in KIND_OF_SUFFIX
-        return chunk_input(chunks, name, query.start_ns, size, baud, is_guess=not is_named)
+        chunks = partial(raw_chunks, stream or path, name, query.start_ns(), baud)
+        count = path.stat().st_size // FRAME_LENGTH if stream is None else None
+        is_guess = query.kind is None and path.suffix.lower() not in KIND_OF_SUFFIX
+        again = chunks if stream is None else None
+        return chunk_input(name, chunks(), again, baud, count=count, is_guess=is_guess)
     from fte_sniff.formats.log import Log
 
     options = query.log_options()
-    again = partial(Log, name, options) if stream is None else None
-    return log_input(Log(name, options, stream), again)
+    log = Log(name, options, stream)
+    return chunk_input(
+        name,
+        log.chunks(),
+        None if stream else lambda: Log(name, options).chunks(),
+        options.baud,
+        ports=log.ports,
+        notes=lambda: (*log.notes(), *log.time_notes()),
+    )
 
 
 class _InterruptiblePipe(FileIO):
@@ -638,10 +635,8 @@ def _topics(path: Path, topics: tuple[str, ...]) -> Input:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     from fte_sniff.recording.foreign_topic import topic_chunks
 
-    def first_ns() -> int | None:
-        return next((chunk.t_ns for chunk in topic_chunks(path, topics)), None)
-
-    return chunk_input(topic_chunks(path, topics), ", ".join(topics), first_ns, ports=topics)
+    chunks = partial(topic_chunks, path, topics)
+    return chunk_input(", ".join(topics), chunks(), chunks, ports=topics)
 
 
 # What is reported

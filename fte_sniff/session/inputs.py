@@ -11,7 +11,6 @@ each group of inputs that belong together, and yields the rows that pass a filte
 
 from __future__ import annotations
 
-import stat
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -38,7 +37,6 @@ from fte_sniff.formats.known_files import refuse_binary
 from fte_sniff.formats.log_text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
-    FRAME_LENGTH,
     Chunk,
     Gap,
     GapKind,
@@ -58,7 +56,6 @@ from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.formats.log import Log
 
 
 # The format of an input
@@ -133,9 +130,8 @@ TROUBLES = (
 Note: TypeAlias = Callable[[str], None]
 """Receives one line for the user about an input, such as that it ends within a frame."""
 
-Times: TypeAlias = tuple[int, int | None] | None
-"""First and last time, nanoseconds since 1970 UTC; the last is None if it is not known before
-reading."""
+Times: TypeAlias = tuple[int, int] | None
+"""First and last time, nanoseconds since 1970 UTC; None without times."""
 
 
 @dataclass(slots=True, weakref_slot=True)
@@ -164,15 +160,6 @@ class Input:
     """The filters that selected its rows, if it records them."""
     path: Path | None = None
     """Of a recording."""
-
-
-def size_of(path: Path) -> int | None:
-    """The bytes of a regular file; None for other files."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_size if stat.S_ISREG(found.st_mode) else None
 
 
 def recording_input(reader: Recording) -> Input:
@@ -251,88 +238,70 @@ def note_end(
 
 
 def chunk_input(
-    chunks: Iterable[Chunk],
     name: str,
-    first_ns: Callable[[], int | None] = lambda: None,
-    size: int | None = None,
+    chunks: Iterable[Chunk],
+    again: Callable[[], Iterable[Chunk]] | None,
     baud: int = DEFAULT_BAUD,
     *,
-    is_guess: bool = False,
     ports: Sequence[str] = (),
+    count: int | None = None,
+    is_guess: bool = False,
+    notes: Callable[[], Iterable[str]] = tuple,
 ) -> Input:
-    """Chunks, which are framed here: raw bytes, or topics of another program.
+    """Chunks, which are framed here: a log, raw bytes, or topics of another program.
 
     Args:
-        chunks: the bytes.
         name: of the input, and the port of its rows if there are no `ports`.
-        first_ns: returns the time of the first byte.
-        size: bytes of a file that holds nothing else; None for others.
+        chunks: the bytes.
+        again: opens them again to find the times; None if they can be read only once.
         baud: bits per second.
-        is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
         ports: the ports of the chunks.
+        count: number of rows, about.
+        is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
+        notes: returns what else is remarkable, once all chunks are read.
     """
 
+    def first_ns() -> int | None:
+        for chunk in again() if again else ():
+            if chunk.t_ns is not None:
+                return chunk.t_ns - len(chunk.data) * byte_time_ns(baud)
+        return None
+
     def times() -> Times:
-        first = None if size == 0 else first_ns()
-        if first is None or size is None:
-            return None if first is None else (first, None)
-        return first, first + max(0, size - FRAME_LENGTH) * byte_time_ns(baud)
+        if again is None:
+            raise UsageError(
+                f"{name} can be read only once, so its first and last time are not known"
+                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
+            )
+        tally = Tally()
+        with suppress(InputTextError):  # raised when the rows are read
+            for rows in rows_of_chunks(again(), lambda _note: None, baud):
+                tally.observe(rows)
+        return tally.times
 
     def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
-        has_frames, is_empty = not is_guess, True
+        tally = Tally()
 
-        def counted() -> Iterator[Chunk]:
-            nonlocal is_empty
-            for chunk in chunks:
-                is_empty = is_empty and not chunk.data
-                yield chunk
+        def counted() -> Iterator[Rows]:
+            for rows in rows_of_chunks(chunks, note, baud):
+                tally.observe(rows)
+                yield rows
 
-        for rows in _within(span, rows_of_chunks(counted(), note, baud), name, note):
-            has_frames = has_frames or bool(rows.framed.any())
-            yield rows
-        if is_empty:
+        try:
+            yield from _within(span, counted(), name, note)
+        finally:
+            for text in notes():
+                note(f"{name}: {text}")
+        if not tally.rows:
             raise FileError(f"{name} is empty; there is nothing to read")
-        if not has_frames:
+        if is_guess and not tally.frames:
             raise FileError(
                 f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"
                 " --input raw reads them as such"
             )
 
-    count = None if size is None else size // FRAME_LENGTH
-    return Input(
-        name, read, times, _quiet(first_ns), [PortFacts(port) for port in ports or [name]], count
-    )
-
-
-def log_input(log: Log, again: Callable[[], Log] | None) -> Input:
-    """A text log, and what opens it again; None if it can be read only once."""
-
-    def first_ns() -> int | None:
-        found = () if again is None else again().chunks()
-        return next((chunk.t_ns for chunk in found if chunk.t_ns is not None), None)
-
-    def times() -> Times:
-        if again is None:
-            raise UsageError(
-                f"{log.name} can be read only once, so its first and last time are not known"
-                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
-            )
-        tally = Tally()
-        with suppress(InputTextError):  # raised when the rows are read
-            for rows in rows_of_chunks(again().chunks(), lambda _note: None):
-                tally.observe(rows)
-        return tally.times
-
-    def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
-        rows = rows_of_chunks(log.chunks(), note, log.options.baud)
-        try:
-            yield from _within(span, rows, log.name, note)
-        finally:
-            for text in (*log.notes(), *log.time_notes()):
-                note(f"{log.name}: {text}")
-
-    ports = [PortFacts(name) for name in log.ports]
-    return Input(log.name, read, times, _quiet(first_ns), ports)
+    known = [PortFacts(port) for port in ports or [name]]
+    return Input(name, read, times, _quiet(first_ns), known, count)
 
 
 def _quiet(first_ns: Callable[[], int | None]) -> Callable[[], int | None]:
