@@ -223,7 +223,7 @@ def _print_played(path: Path, _rows: int, seconds: float) -> None:
             frames, cpu, _ages = _measured(terminal, seconds)
             held = terminal.usage()[1]
             terminal.press(b" ")
-            pause_s = terminal.wait_for(lambda drawn: b"PAUSED" in drawn, 60)
+            pause_s = terminal.wait_for(lambda drawn: b"SCROLLED" in drawn, 60)
             terminal.end()
             print(
                 f"{speed:>6g}x  {pane:<8} {frames:>5.1f} frames/s {cpu:>5.0%}  {held:>4.0f} MB"

@@ -88,7 +88,7 @@ PICTURES: Mapping[str, Picture] = {
     ),
     "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
     "columns": Picture((100, 30), ("C",), "enter applies"),
-    "light": Picture((120, 32), ("space", "v", "up", "up", "m", "ctrl+t"), "PAUSED"),
+    "light": Picture((120, 32), ("space", "v", "up", "up", "m", "ctrl+t"), "SCROLLED"),
     "light-motors-zh": Picture((80, 24), ("ctrl+t", "M"), "电机", language="zh"),
     "colourless": Picture((100, 30), ("E", "enter"), "byte by byte", environment={"NO_COLOR": "1"}),
 }

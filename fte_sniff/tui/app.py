@@ -34,7 +34,7 @@ from fte_sniff.platform import POSIX
 from fte_sniff.protocol import zone_at
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.cells import TimeStyle
-from fte_sniff.tui.commands import COMMANDS, IN_FOOTER, Needs
+from fte_sniff.tui.commands import COMMANDS, FOOTER, Needs
 from fte_sniff.tui.detail import DetailPage
 from fte_sniff.tui.examine import Examiner
 from fte_sniff.tui.export import Export
@@ -46,9 +46,9 @@ from fte_sniff.tui.line import CommandLine
 from fte_sniff.tui.motors import MotorsPage
 from fte_sniff.tui.notes import NotesControl
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
-from fte_sniff.tui.pages import Context, ListPage, Page, Pane
+from fte_sniff.tui.pages import Context, Page, Pane
 from fte_sniff.tui.parts import Parts
-from fte_sniff.tui.status import Mode, StatusLine, TitleLine, badge_text, mode_of
+from fte_sniff.tui.status import StatusLine, TitleLine, badge_text, mode_of
 from fte_sniff.tui.streams import StreamsPage
 from fte_sniff.tui.strip import LOW, MotorStrip, strip_text
 from fte_sniff.tui.table import RowTable, TableHeader
@@ -58,11 +58,9 @@ from fte_sniff.tui.view import Span, View
 TICK_S: Final = 0.1
 """Time between two polls of the feed: rows come on the screen ten times a second."""
 
-NEWS_NS: Final = 500_000_000
-"""Shortest time between two drawings of the motors and the page, while rows come."""
-
-MOVED_NS: Final = 100_000_000
-"""As `NEWS_NS`, while the cursor moves."""
+NEWS_NS: Final = 500_000_000, 100_000_000
+"""Shortest time between two drawings of the motors and the page: while rows come, and while the
+cursor moves."""
 
 SHARE: Final = 8
 """What takes long to draw waits this many times as long until it is drawn again."""
@@ -133,7 +131,6 @@ class SniffApp(App[None]):
         self._header, self.status, self.title_line = TableHeader(), StatusLine(), TitleLine()
         self.table = RowTable(view, self._header, options.choices.view)
         self.strip, self.line, self.pane = MotorStrip(), CommandLine(), Pane()
-        self._part: Part = self.table
         self.findings, self.motors, self.streams = FindingsPage(), MotorsPage(), StreamsPage()
         pages: tuple[Page, ...] = (DetailPage(), self.motors, self.streams, self.findings)
         self._pages = {page.NAME: page for page in pages}
@@ -144,12 +141,7 @@ class SniffApp(App[None]):
             Searching(parts),
         )
         self.export = Export(parts)
-        self._owners: dict[str, object] = {
-            **{"table": self.table, "pane": self.pane, "line": self.line},
-            **{"filters": self.filters, "notes": self.notes, "search": self.search},
-            **{"export": self.export, "goto": Goto(parts), "find": Find(parts)},
-            "columns": Columns(parts),
-        }
+        self.goto, self.find, self.columns = Goto(parts), Find(parts), Columns(parts)
 
     def compose(self) -> ComposeResult:
         """The screen from top to bottom."""
@@ -167,31 +159,24 @@ class SniffApp(App[None]):
         return MainScreen(id="_default")
 
     def get_driver_class(self) -> type[Driver]:
-        """Our driver in place of Textual's for Linux."""
-        driver = super().get_driver_class()
-        if POSIX:
-            from textual.drivers.linux_driver import LinuxDriver
+        """Our driver; Textual's on Windows."""
+        if not POSIX:
+            return super().get_driver_class()
+        from fte_sniff.tui.terminal import Terminal
 
-            from fte_sniff.tui.terminal import Terminal
-
-            return Terminal if driver is LinuxDriver else driver
-        return driver
+        return Terminal
 
     # Keys and commands
 
     def _bind_keys(self) -> None:
         """Bind the commands, those of the footer first, in the language of the screen."""
-
-        def rank(keys: str) -> int:
-            return IN_FOOTER.index(keys) if keys in IN_FOOTER else len(IN_FOOTER)
-
-        bound = (command for command in COMMANDS.values() if command.keys)
-        for command in sorted(bound, key=lambda one: rank(one.keys)):
+        bound = [command for command in COMMANDS.values() if command.keys]
+        for command in sorted(bound, key=lambda one: FOOTER.find(f" {one.keys} ") % len(FOOTER)):
             self.bind(
                 command.keys,
                 f"app.command({command.run!r}, {self.language!r})",
                 description=_(command.short),
-                show=command.keys in IN_FOOTER,
+                show=bool(command.short),
                 key_display=command.key_display.split(" ")[0],
             )
 
@@ -218,6 +203,7 @@ class SniffApp(App[None]):
         page = self.pane.page
         there = {
             Needs.ROWS: self.table.viewport.count > 0,
+            Needs.RUNS: self.view.state.running,
             Needs.PANE: page is not None,
             Needs.PLOTS: page is self.motors,
             Needs.FILTER: bool(self.filters.current),
@@ -231,10 +217,8 @@ class SniffApp(App[None]):
         """Run a command; the answer to the key before is removed."""
         answers = self.status.answers
         owner, name, parameters = parse(run)
-        if owner == "app":
-            getattr(self, f"do_{name}")(*parameters)
-        else:
-            getattr(self._owners[owner], name)(*parameters)
+        owned = (self, f"do_{name}") if owner == "app" else (getattr(self, owner), name)
+        getattr(*owned)(*parameters)
         if self.status.answers == answers:
             self.status.inform("")
         self.show_state()
@@ -266,14 +250,13 @@ class SniffApp(App[None]):
         if self.line.question is not None:
             self.line.complete()
             return
-        parts: list[Part] = [self.strip, self.table, *([self.pane] if self.pane.page else [])]
-        self._give(choice_after(self._part, parts))
+        self.screen_stack[0].focus_next()
 
-    def _give(self, part: Part) -> None:
-        """Give the focus to a part."""
-        self._part = part
-        if self.line.question is None:
-            self.screen_stack[0].set_focus(part)
+    @property
+    def _part(self) -> Part:
+        """The part that has the keys, or gets them back from the line."""
+        focused = self.screen_stack[0].focused
+        return focused if isinstance(focused, Part) else self.table
 
     def do_open(self) -> None:
         """Show the rows of what is chosen, else explain the row."""
@@ -305,7 +288,7 @@ class SniffApp(App[None]):
         if page is not None and page.EXPLAINS_ROW:
             self.table.stop_following()
         if page is None and self._part is self.pane:
-            self._give(self.table)
+            self.table.focus()
         self._asked = ()
         self.call_after_refresh(self.show_state)
 
@@ -431,11 +414,16 @@ class SniffApp(App[None]):
         self.view.finding = finding
         self._asked = ()
 
+    @property
+    def _output(self) -> Any:
+        """The output of our driver; None with another."""
+        return getattr(self._driver, "output", None)
+
     # Time
 
     def on_mount(self) -> None:
         """Start to poll, a file at its first row; quit on signals."""
-        self._give(self.table)
+        self.table.focus()
         for warning in self._options.warnings:
             self.status.warn(_(warning))
         self.call_after_refresh(self._begin)  # so that the screen is there before the rows
@@ -452,26 +440,12 @@ class SniffApp(App[None]):
         self.set_interval(TICK_S, self._on_clock)
 
     def on_unmount(self) -> None:
-        """Remove an unfinished file and the signal handlers."""
+        """Remove an unfinished file."""
         self.export.abandon()
-        loop = asyncio.get_running_loop()
-        for number in self._options.signals:
-            with contextlib.suppress(RuntimeError, ValueError):
-                loop.remove_signal_handler(number)
 
     def now_ns(self) -> int:
         """The monotonic clock."""
         return monotonic_ns()
-
-    @property
-    def _is_slow(self) -> bool:
-        """Whether the terminal has not yet drawn what was written."""
-        output = self._output
-        return output is not None and bool(output.is_slow)
-
-    @property
-    def _output(self) -> Any:
-        return getattr(self._driver, "output", None)
 
     def _on_clock(self) -> None:
         if self._output is not None and self._output.is_gone:
@@ -500,8 +474,8 @@ class SniffApp(App[None]):
         for event in update.events if view.state.live else ():
             self.status.on_port_event(event, self.table.look.shown_zone)
         self._examine()
-        if self._is_slow:
-            return
+        if self._output is not None and self._output.is_slow:
+            return  # the terminal has not yet drawn what was written
         if len(update.rows) or update.events or shown != view.shown.count:
             self._sync_table()
         self.show_state()
@@ -603,14 +577,11 @@ class SniffApp(App[None]):
         if page is self.findings and not self.view.lives:
             self.view.finding = self.findings.chosen
         viewport, state = self.table.viewport, self.view.state
-        mode = mode_of(
-            state, paused=viewport.paused, at_end=viewport.following or not viewport.below
-        )
-        unseen = viewport.waiting if mode is Mode.PAUSED else viewport.below
+        mode = mode_of(state, at_end=viewport.following)
         if state.recording is not None and state.running and self._recording_since_ns is None:
             self._recording_since_ns = self.now_ns()
         since_ns = self.now_ns() - (self._recording_since_ns or self.now_ns())
-        self.title_line.show(state, badge_text(state, mode, unseen), since_ns / 1e9)
+        self.title_line.show(state, badge_text(state, mode, viewport.below), since_ns / 1e9)
         self.status.show(self._numbers())
         self.table.empty_text = self._empty_text()
         self._show_motors()
@@ -649,15 +620,10 @@ class SniffApp(App[None]):
             )
         return _("nothing came yet") if view.state.running else _("nothing came")
 
-    @property
-    def _follows(self) -> bool:
-        viewport = self.table.viewport
-        return viewport.following and not viewport.paused
-
     def _show_motors(self) -> None:
         """Draw the motors and the page at the cursor's row, or now, where they have changed."""
         view, table, pane, now_ns = self.view, self.table, self.pane, self.now_ns()
-        cursor = None if self._follows else table.cursor_index
+        cursor = None if self.table.viewport.following else table.cursor_index
         chosen = self.strip.chosen if self._part is self.strip else None
         asked = (
             *(view.finding, chosen, self.strip.size, self.theme, self.language),
@@ -678,16 +644,16 @@ class SniffApp(App[None]):
             self._times_of_trouble(),
             chosen,
         )
-        pane.draw(self._page_context(now_ns))
-        pause_ns = NEWS_NS if cursor is None else MOVED_NS
-        self._draw_due_ns = now_ns + max(pause_ns, SHARE * (self.now_ns() - now_ns))
+        pane.draw(self._page_context())
+        pause_ns = max(NEWS_NS[cursor is not None], SHARE * (self.now_ns() - now_ns))
+        self._draw_due_ns = now_ns + pause_ns
 
     def _times_of_trouble(self) -> dict[int, int]:
         """By motor, since when it is in trouble, where that is known."""
         finding, now_ns = self.view.finding, self._span.now_ns
         if finding is not None:
             return {finding.motor: finding.first_ns} if finding.motor else {}
-        if not self._follows or not self.view.lives or now_ns is None:
+        if not self.table.viewport.following or not self.view.lives or now_ns is None:
             return {}
         for one in self._states:
             if one.motor not in self._since or self._since[one.motor][0] is not one.trouble:
@@ -698,7 +664,7 @@ class SniffApp(App[None]):
             if trouble not in (Trouble.NONE, Trouble.UNKNOWN)
         }
 
-    def _page_context(self, now_ns: int) -> Context:
+    def _page_context(self) -> Context:
         table = self.table
         return Context(
             self.view,
@@ -706,8 +672,7 @@ class SniffApp(App[None]):
             self._states,
             table.cursor_row,
             table.cursor_index,
-            self._follows,
-            now_ns,
+            self.table.viewport.following,
             table.palette,
             table.look.shown_zone,
             table.field,
@@ -721,29 +686,15 @@ class SniffApp(App[None]):
         self.notes.show()
         self.show_state()
 
-    @on(RowTable.Opened)
-    def _on_double_click(self) -> None:
-        if self.pane.page is None or not self.pane.page.EXPLAINS_ROW:
-            self.do_switch(DetailPage.NAME)
-
-    @on(Pane.Chosen)
-    def _on_line_chosen(self, event: Pane.Chosen) -> None:
-        if isinstance(page := self.pane.page, ListPage):
-            page.at = event.line
-            if event.twice:
-                self.do_open()
-            self.show_state()
-
-    @on(Pane.Resized)
-    def _on_pane_resized(self) -> None:
-        self._asked = ()
-        self.show_state()
+    @on(Pane.Changed)
+    def _on_pane_changed(self) -> None:
+        self.show_all()
 
     @on(CommandLine.Typed)
     def _on_typed(self, event: CommandLine.Typed) -> None:
         """Show what continues the line; the parts have the keys again once it is closed."""
         if self.line.question is None:
-            self._give(self._part)
+            self._part.focus()
             self.status.forget("line")
         elif event.suggestions:
             self.status.pin("line", f"tab: {'   '.join(event.suggestions)}")
@@ -752,12 +703,9 @@ class SniffApp(App[None]):
         self.show_state()
 
     def on_mouse_down(self, event: MouseDown) -> None:
-        """Leave an open line where the rows are clicked; a part that is clicked has the keys."""
-        parts: tuple[Part, ...] = (self.strip, self.table, self.pane)
-        for part in parts:
-            if part is event.widget:
-                self.line.close()
-                self._give(part)
+        """Leave an open line where a part is clicked."""
+        if isinstance(event.widget, Part):
+            self.line.close()
 
     # The end
 

@@ -24,7 +24,6 @@ from fte_sniff.i18n import ExplainedWord, _, later
 from fte_sniff.protocol import (
     COLUMN_BY_NAME,
     FRAME_LENGTH,
-    KIND_BY_NAME,
     VALUE_FIELDS,
     ColumnType,
     Direction,
@@ -45,14 +44,6 @@ if TYPE_CHECKING:
 
 FEEDBACK = "fb"
 """Abbreviation of "feedback" where a kind's name does not fit."""
-
-
-def short_feedback(kind: FrameKind, width: int) -> str | None:
-    """A feedback kind's name shortened to at most `width` cells; None for a command."""
-    if kind.direction is not Direction.FEEDBACK:
-        return None
-    stem = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
-    return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
 
 
 @cache
@@ -104,9 +95,10 @@ def _number(field: Field, value: int) -> str:
 
 def short_kind(name: str, width: int) -> str:
     """The name of a kind in at most `width` cells; feedback keeps a mark of its direction."""
-    kind = KIND_BY_NAME.get(name)
-    short = short_feedback(kind, width) if kind is not None and len(name) > width else None
-    return fit(name, width).rstrip() if short is None else short
+    stem = name.removesuffix(f"_{Direction.FEEDBACK}")
+    if len(name) > width and stem != name:
+        return f"{stem[: max(0, width - len(FEEDBACK) - 1)]} {FEEDBACK}"[: max(0, width)]
+    return fit(name, width).rstrip()
 
 
 def bytes_text(raw: bytes, width: int) -> str:
@@ -357,12 +349,6 @@ class TableLayout:
             left -= column.width + 1
             whole.append(column)
         return self
-
-    def max_hidden(self, width: int) -> int:
-        """Columns to scroll out so that the last one is within `width` cells."""
-        movable = len(self.columns) - 1
-        fitting = (n for n in range(movable) if self.without(n).width <= width)
-        return next(fitting, max(0, movable - 1))
 
 
 @cache

@@ -24,6 +24,8 @@ class Needs(Flag):
     NOTHING = 0
     ROWS = auto()
     """A row is shown."""
+    RUNS = auto()
+    """More rows can come."""
     PANE = auto()
     """A page is open."""
     PLOTS = auto()
@@ -134,7 +136,7 @@ UNDERSTAND: Final = (
     _pane("K", "pane.move(-1)", "the pane: one line up"),
 )
 HANDLE: Final = (
-    Command("p,space", "table.pause", "freeze the view, never the capture", "Pause"),
+    Command("p,space", "table.pause", "freeze the view, never the capture", "Pause", Needs.RUNS),
     _rows("v", "app.select", "select rows from here to the cursor, for y, Y and w"),
     _rows("y", "export.copy_text", "copy the row decoded"),
     _rows("Y,c", "export.copy_hex", "copy the row's bytes as hex"),
@@ -162,22 +164,9 @@ SECTIONS: Final[tuple[tuple[str, tuple[Command, ...]], ...]] = (
 )
 """The keys in the help, under their headings."""
 
-IN_FOOTER: Final = [
-    "question_mark",
-    "q",
-    "f",
-    "exclamation_mark",
-    "e",
-    "M",
-    "T",
-    "slash",
-    "n",
-    "F",
-    "backspace",
-    "p,space",
-    "G,end",
-    "ctrl+s",
-]
+FOOTER: Final = (
+    " question_mark q f exclamation_mark e M T slash n F backspace p,space G,end ctrl+s "
+)
 """The keys of the footer, the most important first."""
 
 COMMANDS: Final[Mapping[str, Command]] = {

@@ -17,7 +17,7 @@ from fte_sniff.protocol.rows import Bools, Row, Rows
 from fte_sniff.tui.detail import NO_ANSWER
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
-from fte_sniff.tui.search import Search
+from fte_sniff.tui.search import parse_search
 from fte_sniff.tui.view import View
 
 Goal: TypeAlias = "Callable[[View, Row, tzinfo], int | str]"
@@ -127,14 +127,14 @@ class Searching:
     def ask(self) -> None:
         """Ask what to look for."""
         example = "rpm = 1000, AA 01, hex:AA ?? 03"
-        self._parts.line.ask(Question(later("search"), example, Search.parse, self.accept))
+        self._parts.line.ask(Question(later("search"), example, parse_search, self.accept))
 
     def accept(self, line: str) -> None:
         """Go to the next match of a search; an empty line ends the last one."""
         self.end()
         if line:
             self._typed = line
-            self.matches = self._view.shown.matches_of(Search.parse(line).filter)
+            self.matches = self._view.shown.matches_of(parse_search(line))
             # While the end is followed, all rows are above.
             self._due = self._table.last_index, -1 if self._table.viewport.following else 1
             self.step()
@@ -155,10 +155,8 @@ class Searching:
         if found is None:
             found = self._nearest(matches, -by * 2**62, by)
         inform = self._parts.status.inform
-        if found is None:
+        if not self._table.jump_to_index(found):
             inform(_("no row that is shown has {text}", text=self._typed))
-        elif not self._table.jump_to_index(found):
-            inform(_("the next match arrived after the pause; space continues"))
         elif around:
             inform(_("the search continued from the other end"))
 

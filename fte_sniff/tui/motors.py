@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import polars as pl
+from rich.table import Table
 from rich.text import Text
 
 from fte_sniff.analysis.motors import MotorState, Trouble
@@ -25,7 +26,7 @@ from fte_sniff.protocol.rows import Ints, Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
 from fte_sniff.tui.cells import RAISED_MARK, span_text
 from fte_sniff.tui.curves import HOLD_NS, SCALE_CELLS, Curves, dots_across, held, plot, time_axis
-from fte_sniff.tui.pages import Context, Page
+from fte_sniff.tui.pages import Context, Page, text_of
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette, Sign
 from fte_sniff.tui.strip import latest, style_of, target_text
 from fte_sniff.tui.view import AROUND
@@ -69,8 +70,8 @@ class _Drawing:
     """Those of the plotted time, and some before."""
     events: Mapping[tuple[int, str], Ints]
     """The times of events by motor and name."""
-    plotted: tuple[int, int] | None
-    """Start and end of the plots; None without times."""
+    plotted: tuple[int, int]
+    """Start and end of the plots."""
     axis: Sequence[str]
     context: Context
 
@@ -78,10 +79,8 @@ class _Drawing:
     def palette(self) -> Palette:
         return self.context.palette
 
-    def curves(self, motor: int, name: str, columns: int) -> Curves | None:
-        """Target and feedback of a quantity; None without times."""
-        if self.plotted is None or not columns:
-            return None
+    def curves(self, motor: int, name: str, columns: int) -> Curves:
+        """Target and feedback of a quantity."""
         found, firsts = [], []
         for direction in (Direction.CONTROL, Direction.FEEDBACK):
             t_ns, values = motor_values(self.rows, direction, name)[motor]
@@ -122,7 +121,9 @@ class MotorsPage(Page):
 
     def text(self, context: Context) -> Text:
         """The cards of the motors."""
-        drawing = self._drawing(context)
+        if context.span.now_ns is None:
+            return Text(_("no row here has a time"))
+        drawing = self._drawing(context, context.span.now_ns)
         width, height = context.size
         columns = 4 if width >= FOUR_COLUMNS else 2 if width >= TWO_COLUMNS else 1
         states, each = context.states, height * columns // len(context.states)
@@ -130,22 +131,17 @@ class MotorsPage(Page):
             motor = self.chosen or _most_troubled(states).motor
             states, columns, each = [one for one in states if one.motor == motor], 1, height
         card = (width + GAP) // columns - GAP
-        lines: list[Text] = []
-        for first in range(0, len(states), columns):
-            cards = [_card(one, drawing, card, each) for one in states[first : first + columns]]
-            for parts in zip(*cards, strict=True):
-                for part in parts:
-                    part.truncate(card, overflow="ellipsis")
-                    part.pad_right(card + GAP - part.cell_len)
-                lines.append(Text().join(parts))
-        return Text("\n").join(lines)
+        table = Table.grid(padding=(0, GAP, 0, 0))
+        for _column in range(columns):
+            table.add_column(width=card, no_wrap=True)
+        cards = [Text("\n").join(_card(one, drawing, card, each)) for one in states]
+        for first in range(0, len(cards), columns):
+            table.add_row(*cards[first : first + columns])
+        return text_of(table, width=width + GAP)
 
-    def _drawing(self, context: Context) -> _Drawing:
-        store, finding, now_ns = context.view.store, context.view.finding, context.span.now_ns
+    def _drawing(self, context: Context, now_ns: int) -> _Drawing:
+        store, finding = context.view.store, context.view.finding
         length = self._plotted_ns(context)
-        if now_ns is None:
-            rows = store.batch(context.span.start, context.span.end)
-            return _Drawing(rows, {}, None, (), context)
         end_ns, last = now_ns, _("now")
         if finding is not None:  # in the middle
             end_ns = (finding.first_ns + finding.last_ns + length) // 2
@@ -192,9 +188,11 @@ def _card(state: MotorState, drawing: _Drawing, width: int, height: int) -> list
 def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> list[Text]:
     """The quantities with values, above each other, with one time axis and the events."""
     columns = dots_across(width)
+    if not columns or height < 2:
+        return []
     made = {name: drawing.curves(state.motor, name, columns) for name in QUANTITIES}
-    shown = {name: one for name, one in made.items() if one is not None and one.has_values}
-    if not shown or height < 2:
+    shown = {name: one for name, one in made.items() if one.has_values}
+    if not shown:
         return []
     present = latest(state, None)
     mode = present.kind.subject if present else None
@@ -214,7 +212,6 @@ def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> lis
 
 def _lanes(motor: int, drawing: _Drawing, cells: int) -> list[Text]:
     """A line with the signs of events at their times, the most serious of a cell."""
-    assert drawing.plotted is not None
     (start, end), palette = drawing.plotted, drawing.palette
     signs, counts, found = [" "] * cells, 0, ""
     for name, sign in reversed([*LANES.items()]):

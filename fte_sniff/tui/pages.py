@@ -45,8 +45,6 @@ class Context:
     index: int | None
     """The cursor's row, and its index."""
     following: bool
-    clock_ns: int
-    """Of the monotonic clock."""
     palette: Palette
     zone: tzinfo
     """Zone of the table's times of day."""
@@ -125,15 +123,8 @@ def text_of(*parts: RenderableType, width: int) -> Text:
 class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
     """Shows one page."""
 
-    class Chosen(Message):
-        """A line was clicked."""
-
-        def __init__(self, line: int, *, twice: bool) -> None:
-            super().__init__()
-            self.line, self.twice = line, twice
-
-    class Resized(Message):
-        """It has another size."""
+    class Changed(Message):
+        """It has another size, or another line is chosen."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -190,13 +181,16 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
 
     def on_resize(self) -> None:
         """Post the message."""
-        self.post_message(self.Resized())
+        self.post_message(self.Changed())
 
-    def on_click(self, event: Click) -> None:
-        """Post the line under the mouse."""
+    async def on_click(self, event: Click) -> None:
+        """Choose the line under the mouse; a double click opens it."""
         line = event.style.meta.get(LINE)
-        if isinstance(line, int):
-            self.post_message(self.Chosen(line, twice=event.chain > 1))
+        if isinstance(line, int) and isinstance(self.page, ListPage):
+            self.page.choose(line)
+            self.post_message(self.Changed())
+            if event.chain == 2:
+                await self.run_action("app.command('app.open')")
 
 
 def _is_chosen(style: Style | str) -> bool:

@@ -183,14 +183,6 @@ class Painter:
     def _columns(self) -> tuple[TableColumn, ...]:
         return self.shown.within(self.width).columns
 
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(column.name for column in self._columns)
-
-    @cached_property
-    def _faults_cut(self) -> bool:
-        return "faults" not in self._names
-
     def _cell(
         self, column: TableColumn, cell: RowCell, values: Mapping[str, Value]
     ) -> Sequence[_Run]:
@@ -227,7 +219,7 @@ class Painter:
         """The values, after the faults where their column is not in the window."""
         row, left = cell.row, column.width
         runs = list[_Run]()
-        if self._faults_cut and row.faults:
+        if row.faults and all(one.name != "faults" for one in self._columns):
             faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
             runs.append((faults, self.palette.statuses[row.status]))
             left -= len(faults)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.errors import FilterError, InputTextError, printable
@@ -18,33 +17,25 @@ _BYTES: Final = re.compile(r"(?:[0-9a-f]{2} ?)+")
 _NIBBLES: Final = re.compile(r"(?:[0-9a-f?]{2} ?)+")
 
 
-@dataclass(frozen=True, slots=True)
-class Search:
-    """A search for bytes, for what a filter tests, or for a word; made by `parse`."""
+def parse_search(typed: str) -> RowFilter:
+    """The filter of bytes, of a filter, or of a word; InputTextError if not hex follows `HEX`."""
+    from fte_sniff.analysis.filter.row_filter import RowFilter  # loads polars, which is slow
 
-    typed: str
-    filter: RowFilter
-
-    @classmethod
-    def parse(cls, typed: str) -> Search:
-        """Parse a line that is not empty; InputTextError if invalid hex follows `HEX`."""
-        from fte_sniff.analysis.filter.row_filter import RowFilter  # loads polars, which is slow
-
-        line = " ".join(typed.split()).lower()
-        digits = line.removeprefix(HEX).strip()
-        if line.startswith(HEX) and not _NIBBLES.fullmatch(digits):
-            raise InputTextError(
-                "'{digits}' is not hex: two digits a byte, as in hex:AA ?? 03",
-                digits=printable(digits),
-            )
-        if line.startswith(HEX) or _BYTES.fullmatch(line):
-            pairs = re.findall("..", digits.replace(" ", ""))
-            test = f"raw LIKE '%{' '.join(pairs).replace('?', '_')}%'"
-            return cls(typed, RowFilter.parse(test))
-        try:
-            return cls(typed, RowFilter.parse(typed))
-        except FilterError:
-            word = re.sub(r"[%_']", "_", line)
-            names = ("kind", "faults", "port")
-            test = " OR ".join(f"{name} LIKE '%{word}%'" for name in names)
-            return cls(typed, RowFilter.parse(test))
+    line = " ".join(typed.split()).lower()
+    digits = line.removeprefix(HEX).strip()
+    if line.startswith(HEX) and not _NIBBLES.fullmatch(digits):
+        raise InputTextError(
+            "'{digits}' is not hex: two digits a byte, as in hex:AA ?? 03",
+            digits=printable(digits),
+        )
+    if line.startswith(HEX) or _BYTES.fullmatch(line):
+        pairs = re.findall("..", digits.replace(" ", ""))
+        test = f"raw LIKE '%{' '.join(pairs).replace('?', '_')}%'"
+        return RowFilter.parse(test)
+    try:
+        return RowFilter.parse(typed)
+    except FilterError:
+        word = re.sub(r"[%_']", "_", line)
+        names = ("kind", "faults", "port")
+        test = " OR ".join(f"{name} LIKE '%{word}%'" for name in names)
+        return RowFilter.parse(test)

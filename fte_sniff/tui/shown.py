@@ -110,14 +110,8 @@ class Shown:
         """The next shown row after an index that passes a test, or before it (`by` -1)."""
         start, stop = (index + 1, self.store.next) if by > 0 else (0, index)
         while start < stop:
-            low, high = (
-                (start, min(stop, start + STEP_ROWS))
-                if by > 0
-                else (
-                    max(start, stop - STEP_ROWS),
-                    stop,
-                )
-            )
+            low = start if by > 0 else max(start, stop - STEP_ROWS)
+            high = min(stop, low + STEP_ROWS)
             passing = np.flatnonzero(test(self.store.batch(low, high))) + low
             if self.matches is not None:
                 passing = np.intersect1d(passing, self.between(low, high), assume_unique=True)

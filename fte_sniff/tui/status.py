@@ -37,18 +37,15 @@ class Mode(StrEnum):
     FOLLOWING = "FOLLOWING"
     WAITING = "WAITING"
     SCROLLED = "SCROLLED"
-    PAUSED = "PAUSED"
     ENDED = "ENDED"
     FILE = "FILE"
 
 
-def mode_of(state: FeedState, *, paused: bool, at_end: bool) -> Mode:
-    """The mode: LIVE only while the newest rows are in view; WAITING for a lost port.
+def mode_of(state: FeedState, *, at_end: bool) -> Mode:
+    """The mode: LIVE only while the end is followed; WAITING for a lost port.
 
     FOLLOWING is LIVE for the recording of another program.
     """
-    if paused:
-        return Mode.PAUSED
     if state.live and state.running:
         if not at_end:
             return Mode.SCROLLED
@@ -60,11 +57,9 @@ def mode_of(state: FeedState, *, paused: bool, at_end: bool) -> Mode:
 
 
 def badge_text(state: FeedState, mode: Mode, unseen: int) -> str:
-    """The mode at the end of the title; `unseen` rows came since a pause, or are below."""
+    """The mode at the end of the title; `unseen` rows are below."""
     words = _(mode)
-    if mode is Mode.PAUSED:
-        words = _("PAUSED, {count:,} new", count=unseen)
-    elif mode is Mode.SCROLLED:
+    if mode is Mode.SCROLLED:
         words = _("SCROLLED +{count:,}", count=unseen)
     elif mode is Mode.LOADING and state.progress is not None:
         words = _("LOADING {share:4.0%}", share=state.progress)

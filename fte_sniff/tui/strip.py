@@ -146,4 +146,4 @@ class MotorStrip(Widget, can_focus=True, inherit_bindings=False):
         at = event.y if self.size.height > 1 else event.x * len(MOTORS) // max(1, self.size.width)
         self.chosen = MOTORS[min(at, len(MOTORS) - 1)]
         if event.chain == 2:
-            await self.run_action("app.command('open')")
+            await self.run_action("app.command('app.open')")

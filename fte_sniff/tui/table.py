@@ -67,9 +67,8 @@ class TableHeader(Widget):
         """The names."""
         if self.painter is None:
             return Strip.blank(self.size.width, self.rich_style)
-        return self.painter.head(self.rich_style).adjust_cell_length(
-            self.size.width, self.rich_style
-        )
+        head = self.painter.head(self.rich_style)
+        return head.adjust_cell_length(self.size.width, self.rich_style)
 
 
 class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
@@ -86,9 +85,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     class Moved(Message):
         """The cursor, the window or the rows in it changed."""
 
-    class Opened(Message):
-        """A row was double-clicked."""
-
     def __init__(self, view: View, header: TableHeader, look: TableView) -> None:
         super().__init__()
         self.viewport = Viewport()
@@ -103,7 +99,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         """Index of the row under the cursor, now or when there last were rows."""
         self.empty_text = ""
         self._view, self._shown, self._header = view, view.shown, header
-        self._pause_index = self._hidden = 0
+        self._hidden = 0
         self._lines: Sequence[TableLine] = ()
         self._drawn: tuple[object, ...] = ()
 
@@ -145,8 +141,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         shown, viewport = self._shown, self.viewport
         if viewport.height != self.scrollable_size.height:
             viewport.resize(self.scrollable_size.height)
-        count = shown.position_of(self._pause_index) if viewport.paused else shown.count
-        viewport.refit(count, shown.position_of(self.last_index), shown.count - count)
+        viewport.refit(shown.count, shown.position_of(self.last_index))
         if viewport.following:
             self._note_cursor()
         self.draw()
@@ -180,10 +175,8 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self.draw()
 
     def pause(self) -> None:
-        """Freeze the view, or show the rows that came meanwhile."""
-        self.viewport.paused = not self.viewport.paused
-        self._pause_index = self._view.store.next
-        self.sync()
+        """Leave the end, or follow it again."""
+        self.stop_following() if self.viewport.following else self.follow()
 
     def stop_following(self) -> None:
         """Leave the end; the cursor stays on its row."""
@@ -202,13 +195,10 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self.jump(self._shown.position_of(index))
 
     def jump_to_index(self, index: int | None) -> bool:
-        """Put the cursor on a shown row by its index; False where a filter or a pause hides it."""
+        """Put the cursor on a shown row by its index; False where a filter hides it."""
         if index is None or not self._shown.has(index):
             return False
-        position = self._shown.position_of(index)
-        if position >= self.viewport.count:
-            return False
-        self.jump(position)
+        self.jump(self._shown.position_of(index))
         return True
 
     def look_at(self, field: int | None) -> None:
@@ -240,7 +230,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         viewport = self.viewport
         end = min(viewport.top + viewport.height, viewport.count)
         indices, rows = self._shown.rows(viewport.top, end)
-        last = self._pause_index if viewport.paused else self._view.store.next
+        last = self._view.store.next
         after = int(indices[0]) if len(indices) else last
         lines: list[TableLine] = []
         cells = self._cells(indices.tolist(), rows)
@@ -323,7 +313,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def _painter(self) -> Painter:
         width = self.scrollable_size.width
         layout = layout_for(width, self.look)
-        self._hidden = min(max(0, self._hidden), layout.max_hidden(width))
+        self._hidden = min(max(0, self._hidden), max(0, len(layout.columns) - 2))
         return Painter(layout, self.palette, width, self._hidden)
 
     @property
@@ -406,14 +396,14 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self.viewport.scroll(self.viewport.top + (WHEEL_ROWS if down else -WHEEL_ROWS))
         self._moved()
 
-    def on_click(self, event: events.Click) -> None:
-        """Put the cursor on the clicked row; a double click opens it."""
+    async def on_click(self, event: events.Click) -> None:
+        """Put the cursor on the clicked row; a double click explains it, or no longer."""
         line = self._lines[event.y] if 0 <= event.y < len(self._lines) else None
         if line is None or line.position is None or isinstance(line.cell, str):
             return
         self.jump(line.position)
         if event.chain == 2:
-            self.post_message(self.Opened())
+            await self.run_action("app.command(\"app.switch('detail')\")")
 
 
 def _changed(rows: Rows) -> list[tuple[bool, ...] | None]:

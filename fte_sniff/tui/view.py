@@ -221,7 +221,7 @@ class View:
 
     # The span that is looked at
 
-    def span(self, cursor: int | None, clock_ns: int, window_ns: int = WINDOW_NS) -> Span:
+    def span(self, cursor: int | None, clock_ns: int) -> Span:
         """The span of the finding, else the time before the cursor's row; None: before now."""
         if self.finding is not None:
             first_ns, last_ns = self.finding.first_ns, self.finding.last_ns
@@ -231,14 +231,14 @@ class View:
         if cursor is not None:
             end, now_ns = cursor + 1, self.row(cursor).t_ns
             if now_ns is not None and self.first_ns is not None:
-                now_ns = max(now_ns, self.first_ns + window_ns)  # at the start, the first window
+                now_ns = max(now_ns, self.first_ns + WINDOW_NS)  # at the start, the first window
                 end = max(end, self.store.index_at(now_ns))
         low = max(0, end - MOST_WINDOW)
         if now_ns is None:
             return Span(max(0, end - AROUND), end, None, None)
         t_ns = np.maximum.accumulate(self.store.batch(low, end).t_ns)
-        start = low + int(np.searchsorted(t_ns, now_ns - window_ns))
-        return Span(start, end, now_ns - window_ns, now_ns)
+        start = low + int(np.searchsorted(t_ns, now_ns - WINDOW_NS))
+        return Span(start, end, now_ns - WINDOW_NS, now_ns)
 
     def motors(self, span: Span) -> list[MotorState]:
         """The motors at the end of a span."""

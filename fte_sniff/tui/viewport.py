@@ -18,10 +18,6 @@ class Viewport:
         """The row under the cursor; 0 without rows."""
         self.following = True
         """Whether the window stays at the end when rows come."""
-        self.paused = False
-        """Whether new rows are kept out of the window."""
-        self.waiting = 0
-        """Rows that came since the pause."""
 
     @property
     def last_top(self) -> int:
@@ -33,13 +29,13 @@ class Viewport:
         """Rows below the window."""
         return max(0, self.count - self.top - self.height)
 
-    def refit(self, count: int, cursor: int, waiting: int) -> None:
-        """Update to the number of rows now, the cursor's new position and the rows since a pause.
+    def refit(self, count: int, cursor: int) -> None:
+        """Update to the number of rows now, and the cursor's new position.
 
         The window moves with the cursor's row, unless it follows the end.
         """
         self.top += cursor - self.cursor
-        self.count, self.cursor, self.waiting = count, cursor, waiting
+        self.count, self.cursor = count, cursor
         self._clamp()
 
     def resize(self, height: int) -> None:
@@ -51,7 +47,7 @@ class Viewport:
     def move(self, by: int) -> None:
         """Move the cursor; up stops following the end, down onto the last row follows it again."""
         target = self.cursor + by
-        self.following = by > 0 and target >= self.count - 1 and not self.paused
+        self.following = by > 0 and target >= self.count - 1
         self._put(target)
 
     def jump(self, row: int) -> None:
@@ -62,13 +58,12 @@ class Viewport:
     def scroll(self, top: int) -> None:
         """Scroll the window; the cursor moves only as far as it has to."""
         self.top = min(max(0, top), self.last_top)
-        self.following = self.top >= self.last_top and not self.paused
+        self.following = self.top >= self.last_top
         self.cursor = min(max(self.cursor, self.top), max(self.top, self.top + self.height - 1))
         self._clamp()
 
     def follow(self) -> None:
-        """Follow the end; ends a pause."""
-        self.paused = False
+        """Follow the end."""
         self.following = True
         self._clamp()
 
@@ -83,7 +78,7 @@ class Viewport:
 
     def _clamp(self) -> None:
         last = max(0, self.count - 1)
-        if self.following and not self.paused:
+        if self.following:
             self.cursor, self.top = last, self.last_top
         self.cursor = min(max(0, self.cursor), last)
         self.top = min(max(0, self.top), self.last_top)

@@ -213,8 +213,8 @@ def page(app: SniffApp) -> str:
     return "\n".join(lines(app))
 
 
-async def until(app: SniffApp, text: str) -> None:
-    """Wait until a text is on the screen."""
+async def until(app: SniffApp, text: str, *, gone: bool = False) -> None:
+    """Wait until a text is on the screen, or gone from it."""
     async with asyncio.timeout(BOUND_S):
-        while text not in page(app):
+        while (text in page(app)) == gone:
             await asyncio.sleep(0.02)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from textual.pilot import Pilot
+from textual.widget import Widget
 from textual.widgets import Footer
 
 from fte_sniff.i18n import set_language
@@ -11,7 +13,18 @@ from fte_sniff.tui.commands import COMMANDS, SECTIONS
 from fte_sniff.tui.help import PAGES, help_text
 from fte_sniff.tui.pages import text_of
 from tests.slow import crossed
-from tests.tui.conftest import ListFeed, lines, noise, page, play, press, speed_rows, talk, until
+from tests.tui.conftest import (
+    ListFeed,
+    lines,
+    noise,
+    page,
+    play,
+    press,
+    settle,
+    speed_rows,
+    talk,
+    until,
+)
 
 ENDING = {"q", "Q", "ctrl+z", "ctrl+c"}
 KEYS = sorted({key for one in COMMANDS.values() for key in one.keys.split(",") if key} - ENDING)
@@ -95,6 +108,39 @@ def test_the_footer_has_only_keys_that_work(feed: ListFeed) -> None:
         assert "Quit" not in footer()
 
     play(feed, scenario, (140, 24))
+
+
+async def click(app: SniffApp, widget: Widget, at: tuple[int, int], times: int) -> None:
+    await Pilot(app).click(widget, offset=at, times=times)
+    await settle(app)
+
+
+def test_a_double_click_does_what_enter_does(feed: ListFeed) -> None:
+    feed.give(talk(2))
+
+    async def scenario(app: SniffApp) -> None:
+        await click(app, app.strip, (5, 2), 2)
+        assert app.filters.current == "motor = 3"
+        await click(app, app.table, (5, 2), 2)
+        assert "the row, byte by byte" in page(app)
+        await press(app, "F T")
+        await click(app, app.pane, (5, 3), 1)
+        assert app.focused is app.pane
+        await click(app, app.pane, (5, 3), 2)
+        assert "kind = 'speed' AND motor = 2" in app.filters.current
+
+    play(feed, scenario, (100, 40))
+
+
+def test_a_click_on_the_rows_leaves_the_line(feed: ListFeed) -> None:
+    feed.give(talk(2))
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "f 'mo'")
+        await click(app, app.table, (5, 2), 1)
+        assert (app.line.question, app.focused) == (None, app.table)
+
+    play(feed, scenario)
 
 
 def test_help_has_all_keys_and_fits() -> None:

@@ -82,20 +82,17 @@ def test_a_late_motor_has_the_time_of_its_answers(feed: ListFeed) -> None:
 
 
 def test_the_line_of_a_finding_grows_with_it_and_goes_after_its_end(feed: ListFeed) -> None:
-    async def examine(app: SniffApp, rows: list[Row]) -> None:
+    def give(app: SniffApp, rows: list[Row]) -> None:
         feed.give(rows)
         app._search_due_ns = 0
-        app.tick()
-        await app.workers.wait_for_complete()
-        await settle(app)
 
     async def scenario(app: SniffApp) -> None:
-        await examine(app, talk(20, lost=3))
-        assert "! 12:00:00 - 12:00:19: motor 3 answered 666 of 999 commands" in page(app)
-        await examine(app, after(20, talk(10, lost=3)))
-        assert "! 12:00:00 - 12:00:29: motor 3 answered 999 of 1,500 commands" in page(app)
-        await examine(app, after(30, talk(30)))
-        assert "motor 3 answered" not in page(app)
+        give(app, talk(20, lost=3))
+        await until(app, "! 12:00:00 - 12:00:19: motor 3 answered 666 of 999 commands")
+        give(app, after(20, talk(10, lost=3)))
+        await until(app, "! 12:00:00 - 12:00:29: motor 3 answered 999 of 1,500 commands")
+        give(app, after(30, talk(30)))
+        await until(app, "motor 3 answered", gone=True)
 
     play(feed, scenario)
 
