@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Final
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.options import install_command
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, printable, reason_of
+from fte_sniff.errors import UsageError, reason_of
 from fte_sniff.protocol import PortEvent
 
 if TYPE_CHECKING:
@@ -98,11 +98,9 @@ class FoxgloveServer(Observer):
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
         """Of each viewer, its subscriptions by channel."""
-        self._trouble = ""
         listening = _listening(address)
         self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
         self._loop = asyncio.new_event_loop()
-        self._loop.set_exception_handler(self._on_error)
         self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
         self._thread.start()
         self._server: Server = asyncio.run_coroutine_threadsafe(
@@ -236,14 +234,6 @@ class FoxgloveServer(Observer):
             for viewer, subscriptions in self._viewers.items():
                 if channel in subscriptions and not viewer.transport.is_closing():
                     broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + encoded)
-
-    def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Print an error of the loop once: out of file descriptors it comes for each connection."""
-        error = context.get("exception")
-        why = reason_of(error) if isinstance(error, OSError) else str(error or context["message"])
-        if why != self._trouble:
-            self._trouble = why
-            print_err(f"--serve: a viewer could not connect: {printable(why)}")
 
     async def _hang_up(self) -> None:
         self._server.close()

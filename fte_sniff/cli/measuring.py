@@ -46,11 +46,11 @@ def print_json(value: Any) -> None:
 def measure(
     query: InputQuery,
     analysis: Analysis[Part],
-    observer: Callable[[InputReading], Callable[[Table], None]] | None = None,
+    also: Callable[[Table], None] | None = None,
 ) -> tuple[Part, InputReading]:
     """Count all rows of the files, here, in worker processes, or on a cluster.
 
-    `observer` returns what receives each table of a reading; only without `--jobs`.
+    `also` receives each table; only without `--jobs`.
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
@@ -67,8 +67,7 @@ def measure(
     measurement, wanted = Measurement(analysis), query.row_filter()
     with progress_line(shown=not is_typed(query.files)) as line:
         reading = query.read(None, progress=line.progress)
-        if observer is not None:
-            measurement.also = observer(reading)
+        measurement.also = also or measurement.also
         jobs = min(query.jobs or 1, len(reading.groups))
         if jobs == 1 and query.cluster is None:
             measurement.read(reading, wanted, query.baud)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from fte_sniff.cli.input_files import InputQuery, input_options, output_options
 from fte_sniff.cli.measuring import finish, headline, measure
@@ -13,10 +11,6 @@ from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, printable, unwritable
 from fte_sniff.session.save import replace_file
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.table import Table
-    from fte_sniff.session.inputs import InputReading
 
 _SUFFIXES = (".html", ".htm")
 
@@ -45,6 +39,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
             f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.findings import find
+    from fte_sniff.analysis.table import EMPTY
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import _, set_language
     from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
@@ -53,13 +48,9 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     set_language(load_settings().language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
-    bins = Bins(None)
-
-    def observer(reading: InputReading) -> Callable[[Table], None]:
-        bins.expect(_times(reading))
-        return bins.observe
-
-    counts, reading = measure(query, STATISTICS_AND_FINDINGS, observer=observer)
+    bins = Bins()
+    bins.observe(EMPTY)
+    counts, reading = measure(query, STATISTICS_AND_FINDINGS, bins.observe)
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
     findings = find(counts).found if query.filter_text is None else []
@@ -78,12 +69,3 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     size = f"{numbers['rows']:,} rows, {len(text) / 1e6:,.1f} MB"
     print_err(f"fte-sniff: {output}: {size}")
     finish(reading)
-
-
-def _times(reading: InputReading) -> tuple[int, int] | None:
-    """The first and the last time of the inputs; None if they are not known before reading."""
-    times = [one.times() for one in reading.inputs]
-    known = [(first, last) for first, last in filter(None, times) if last is not None]
-    if not known or len(known) < len(times):
-        return None
-    return min(first for first, _ in known), max(last for _, last in known)

@@ -15,7 +15,15 @@ import numpy as np
 import polars as pl
 from bokeh.embed import file_html
 from bokeh.layouts import column
-from bokeh.models import BoxZoomTool, HoverTool, PanTool, Range1d, ResetTool, WheelZoomTool
+from bokeh.models import (
+    BoxZoomTool,
+    HoverTool,
+    PanTool,
+    Range1d,
+    ResetTool,
+    Spacer,
+    WheelZoomTool,
+)
 from bokeh.models.annotations import Title
 from bokeh.plotting import figure
 from bokeh.resources import INLINE
@@ -26,12 +34,12 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, VALUE_FIELDS, Role
 
 BINS: Final = 2000
-_LEAST_WIDTH_NS: Final = 100_000_000
-"""Width of a bin where the times of the rows are not known before they are read."""
+_LEAST_WIDTH_NS: Final = 1_000_000
+_MOST_ROWS: Final = 200_000
+"""Of the frames of bins, before they are joined."""
 
 _MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
@@ -60,53 +68,44 @@ pre { overflow-x: auto; line-height: 1.35 }
 
 
 class Bins:
-    """The values and faults of rows in bins of time."""
+    """The values and faults of rows in bins of time, whose width doubles as the time grows."""
 
-    def __init__(self, times: tuple[int, int] | None) -> None:
-        """`times` are the first and last of the rows, nanoseconds since 1970 UTC, if known."""
+    def __init__(self) -> None:
         self._width_ns = _LEAST_WIDTH_NS
-        self.expect(times)
         self._values, self._faults = list[pl.DataFrame](), list[pl.DataFrame]()
         self.breaks: list[int] = []
         """When gaps begin, nanoseconds since 1970 UTC."""
-
-    def expect(self, times: tuple[int, int] | None) -> None:
-        """Set the width of the bins by the first and last time of the rows, if known."""
-        if times is not None:
-            self._width_ns = max(1, (times[1] - times[0]) // BINS)
 
     def observe(self, table: Table) -> None:
         """Add the counted rows of a table; those without a time have no place in a plot."""
         at = table.counted[table.rows.timed[table.counted]]
         rows, number = table.rows.select(at), table.runs.number[at]
         self.breaks += rows.t_ns[:-1][np.diff(number) != 0].tolist()
-        self._add(rows)
-
-    def _add(self, rows: Rows) -> None:
         names = ["time", "direction", _MOTOR, "faults", *_VALUES]
         frame = _in_bins(table_frame(rows, names), pl.col("time").cast(pl.Int64), self._width_ns)
         self._values.append(_extremes(frame, {name: (name, name) for name in _VALUES}))
         faults = frame.select("bin", "faults").explode("faults").drop_nulls("faults")
         self._faults.append(faults.group_by("bin", "faults").len("rows"))
+        if sum(map(len, self._values)) > _MOST_ROWS:
+            self._values, self._faults = [self.values()], [self.faults()]
 
     def values(self) -> pl.DataFrame:
         """By bin, direction and motor: the least and the greatest of each value, as `rpm_low`."""
-        found = self._final(pl.concat(self._values) if self._values else None)
+        found = self._final(self._values)
         return _extremes(found, {name: (f"{name}_low", f"{name}_high") for name in _VALUES})
 
     def faults(self) -> pl.DataFrame:
         """By bin and fault, the number of rows."""
-        found = self._final(pl.concat(self._faults) if self._faults else None)
+        found = self._final(self._faults)
         return found.group_by("bin", "faults").agg(pl.col("rows").sum()).sort("bin")
 
-    def _final(self, frame: pl.DataFrame | None) -> pl.DataFrame:
-        """The frame in at most about `BINS` bins."""
-        if frame is None:
-            self._add(Rows.blank(0, ()))
-            return self._final(self._values[-1])
+    def _final(self, frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
+        """The frames in at most `BINS` bins."""
+        frame = pl.concat(frames)
         first, last = frame.select(pl.col("bin").min(), pl.col("bin").max().alias("last")).row(0)
-        wide = 0 if first is None else (last - first) // BINS
-        return _in_bins(frame, pl.col("bin"), max(self._width_ns, wide))
+        while first is not None and last - first > BINS * self._width_ns:
+            self._width_ns *= 2
+        return _in_bins(frame, pl.col("bin"), self._width_ns)
 
 
 def _in_bins(frame: pl.DataFrame, t_ns: pl.Expr, width_ns: int) -> pl.DataFrame:
@@ -122,7 +121,7 @@ def _extremes(frame: pl.DataFrame, sources: Mapping[str, tuple[str, str]]) -> pl
 def page(title: str, texts: Mapping[str, str], bins: Bins) -> str:
     """The HTML of the report; `texts` are what is shown above the plots, by heading."""
     return file_html(
-        column(*_plots(bins), sizing_mode="stretch_width"),
+        column(*_plots(bins), Spacer(), sizing_mode="stretch_width"),
         INLINE,
         title,
         template=_TEMPLATE,
@@ -139,8 +138,8 @@ def _plots(bins: Bins) -> Iterator[Any]:
         return
     first, last = values["bin"].to_list()[0] / 1e6, values["bin"].to_list()[-1] / 1e6
     shared = Range1d(first, last)
-    faults = bins.faults() if bins._faults else None
-    if faults is not None and len(faults):
+    faults = bins.faults()
+    if len(faults):
         yield _fault_plot(faults, shared)
     for motor in (*MOTORS, None):
         own = values.filter(pl.col(_MOTOR).eq_missing(motor))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import resource
 import signal
 import socket
 import struct
@@ -274,30 +273,6 @@ def test_origin_is_allowed_by_an_option(environment, tmp_path: Path) -> None:
 
 
 # What goes wrong
-
-
-def test_lack_of_file_descriptors_is_one_line(server: FoxgloveServer, capsys) -> None:
-    port = int(server.url.rpartition(":")[2])
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with ExitStack() as open_ones:
-        clients = [open_ones.enter_context(socket.socket()) for _ in range(20)]
-        resource.setrlimit(resource.RLIMIT_NOFILE, (clients[-1].fileno() + 1, before[1]))
-        try:
-            for client in clients:
-                client.connect(("127.0.0.1", port))
-            said = ""
-
-            def reported() -> str:
-                nonlocal said
-                said += capsys.readouterr().err
-                return said
-
-            wait_until(reported)
-        finally:
-            resource.setrlimit(resource.RLIMIT_NOFILE, before)
-    assert said == "--serve: a viewer could not connect: Too many open files\n"
-    with viewer_at(server.url) as connection:  # it goes on when there are some again
-        Viewer(connection)
 
 
 def test_refused_client_writes_nothing_on_the_screen(environment, tmp_path: Path) -> None:
