@@ -50,8 +50,6 @@ _LOOK_EVERY_S: Final = 0.05
 """Time between two looks at which port the target has open."""
 _END_S: Final = 2.0
 """How long strace may take to let go of the target before it is killed."""
-_MOST_SAID: Final = 1 << 16
-"""Characters of strace's own messages that are kept."""
 
 LIMITS: Final = TranslatableText(
     "times are those of system calls, not of the wire; mmap and io_uring are not seen"
@@ -74,11 +72,12 @@ class Call:
 
 
 _CALL = re.compile(
-    r"(?:\d+ +)?(?P<time>\d+\.\d+) (?P<name>\w+)\((?P<arguments>.*)\) += (?P<result>\d+)"
+    r"(?:\[pid +\d+\] |\d+ +)?(?P<time>\d+\.\d+) (?P<name>\w+)"
+    r"\((?P<arguments>.*)\) += (?P<result>\d+)"
     r"(?: .*?)?? <(?P<took>[\d.]+)>"
 )
 _PART = re.compile(r'"((?:\\x[0-9a-f]{2})*)"')
-_NO_CALL = re.compile(r"(?:\d+ +)?\d+\.\d+ (?:\+\+\+|---|strace:).*")
+_NO_CALL = re.compile(r"(?:strace: |(?:\[pid +\d+\] |\d+ +)?\d+\.\d+ (?:\+\+\+|---|strace:)).*")
 
 
 def call_of(line: str, device: str) -> Call | None:
@@ -142,7 +141,9 @@ class Attachment:
 def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
     """Watch the programs that have the port open; raises as `Attachment.open`."""
     opened_ns = clock.now_ns()  # before the first call that is seen
-    calls = CallReader(wanted.names, Strace.on(wanted), clock, notes, opened_ns)
+    port = printable(wanted.port)
+    strace = Strace(_holders(wanted, port), os.path.realpath(wanted.port), port)
+    calls = CallReader(wanted.names, strace, clock, notes, opened_ns)
     attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
     return Connection(
         names=wanted.names,
@@ -267,7 +268,7 @@ class CallReader:
         # A program has one watcher at a time.
         self.strace.close()
         try:
-            self.strace = Strace.of(self.strace.holders, device, self._names[0])
+            self.strace = Strace(self.strace.holders, device, self._names[0])
         except PortError as error:
             raise OSError(error.message) from error
         self._rest = b""
@@ -283,57 +284,52 @@ class CallReader:
 
 
 class Strace:
-    """A running strace; its lines come from `stream`."""
+    """A running strace; its lines come from its standard error, as do its messages."""
 
-    def __init__(self, program: str, device: str, holders: list[Holder]) -> None:
-        self.holders, self.device = holders, device
-        self._terminals = _terminals_of(holders)
-        """Ports that the programs had open at the start."""
-        read, write = os.pipe()
-        pids = [word for holder in holders for word in ("-p", str(holder.pid))]
-        traced = ",".join((*_READS, *_WRITES, *_UNSHOWN))
-        try:
-            self.process = subprocess.Popen(
-                [
-                    *(program, "-f", "-y", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_PART)),
-                    # With a status, a call has one line, which is printed when it has returned.
-                    *("-e", f"trace={traced}", "-e", "signal=none", "-e", "status=successful"),
-                    *("-P", device, "-o", f"/dev/fd/{write}", *pids),
-                ],
-                pass_fds=[write],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                env={**os.environ, "LC_ALL": "C"},
-                start_new_session=True,  # a Ctrl-C ends the capture, which ends strace
-            )
-        except BaseException:
-            os.close(read)
-            raise
-        finally:
-            os.close(write)
-        assert self.process.stderr is not None
-        self.stream = read
-        self.errors = self.process.stderr
-        self._said = ""
+    def __init__(self, holders: list[Holder], device: str, port: str) -> None:
+        """Watch programs at a device; `port` is its name in errors.
 
-    @classmethod
-    def on(cls, wanted: Attachment) -> Strace:
-        """Watch the programs that have the port open; raises PortError with the fix."""
-        port = printable(wanted.port)
-        return cls.of(_holders(wanted, port), os.path.realpath(wanted.port), port)
-
-    @classmethod
-    def of(cls, holders: list[Holder], device: str, port: str) -> Strace:
-        """Watch programs at a device; `port` is its name in errors. Raises PortError."""
+        Raises PortError, with the fix, if there is no strace, or it cannot watch them.
+        """
         program = shutil.which("strace")
         if program is None:
             raise PortError(
                 "{port}: to attach, strace is needed: sudo apt install strace", port=port
             )
-        strace = cls(program, device, holders)
-        strace.wait_until_attached(port)
-        return strace
+        self.holders, self.device = holders, device
+        self._terminals = _terminals_of(holders)
+        """Ports that the programs had open at the start."""
+        pids = [word for holder in holders for word in ("-p", str(holder.pid))]
+        traced = ",".join((*_READS, *_WRITES, *_UNSHOWN))
+        self._process = subprocess.Popen(
+            [
+                *("strace", "-f", "-y", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_PART)),
+                # With a status, a call has one line, which is printed when it has returned.
+                *("-e", f"trace={traced}", "-e", "signal=none", "-e", "status=successful"),
+                *("-P", device, *pids),
+            ],
+            executable=program,
+            bufsize=0,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "LC_ALL": "C"},
+            start_new_session=True,  # a Ctrl-C ends the capture, which ends strace
+        )
+        self._first = b""
+        self._first = self._read_until_attached(port)
+
+    def _read_until_attached(self, port: str) -> bytes:
+        """What was printed until all programs are watched; raises PortError if they cannot be."""
+        data = b""
+        while data.count(b" attached") < len(self.holders):
+            more = self.read()
+            if more is None:
+                self.close()
+                why = _refusal(self.holders, data.decode(errors="replace"))
+                raise PortError("{port}: {why}", port=port, why=why)
+            data += more
+        return data
 
     def moved_to(self) -> str | None:
         """The port that the programs have opened since the start, if they have left this one."""
@@ -342,53 +338,32 @@ class Strace:
             return None
         return next(iter(sorted(now - self._terminals)), None)
 
-    def wait_until_attached(self, port: str) -> None:
-        """Return once it watches all programs; raises PortError if it cannot."""
-        while True:
-            attached = self.said().count(" attached")
-            code = self.process.poll()
-            if attached >= len(self.holders):
-                return
-            if code is not None:
-                self.said()
-                self.close()
-                raise PortError("{port}: {why}", port=port, why=_refusal(self.holders, self._said))
-            select.select([self.errors], [], [], _STEP_S)
-
-    def said(self) -> str:
-        """All that strace wrote about itself."""
-        while select.select([self.errors.fileno()], [], [], 0)[0]:
-            more = os.read(self.errors.fileno(), 1 << 16)
-            if not more:
-                break
-            self._said = (self._said + more.decode(errors="replace"))[-_MOST_SAID:]
-        return self._said
-
     def read(self, wait_s: float = _STEP_S) -> bytes | None:
         """Lines that have come, in any pieces; empty after a while without any, None at the end."""
-        if not select.select([self.stream], [], [], wait_s)[0]:
-            self.said()
+        if self._first:
+            first, self._first = self._first, b""
+            return first
+        assert self._process.stderr is not None
+        if not select.select([self._process.stderr], [], [], wait_s)[0]:
             return b""
-        return os.read(self.stream, 1 << 16) or None
+        return self._process.stderr.read(1 << 16) or None
 
     def detach(self) -> None:
         """Let the target go; what was seen until then can still be read."""
         with suppress(ProcessLookupError):
-            self.process.send_signal(signal.SIGTERM)
+            self._process.send_signal(signal.SIGTERM)
 
     def close(self) -> int:
         """End strace; the target goes on. Returns its exit code, negative for a signal."""
-        if self.stream >= 0:
-            self.detach()
-            try:
-                self.process.wait(_END_S)
-            except subprocess.TimeoutExpired:
-                self.process.kill()  # the kernel lets the target go
-                self.process.wait()
-            os.close(self.stream)
-            self.errors.close()
-            self.stream = -1
-        return self.process.returncode
+        self.detach()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()  # the kernel lets the target go
+            self._process.wait()
+        assert self._process.stderr is not None
+        self._process.stderr.close()
+        return self._process.returncode
 
 
 def _terminals_of(holders: list[Holder]) -> set[str]:

@@ -17,7 +17,6 @@ from fte_sniff.capture.attach import (
     LIMITS,
     Attachment,
     Call,
-    Strace,
     call_of,
 )
 from fte_sniff.capture.bridge import HOST
@@ -369,12 +368,9 @@ def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypa
         wrong = refused(pty.device, pid=os.getppid())
         assert f"process {os.getppid()} does not have {pty.device} open; " in wrong
         assert f"(pid {host.pid}) has it open" in wrong
-        strace = Strace.on(Attachment(pty.device))
-        try:
+        with attached(pty.device):
             busy = refused(pty.device)
             assert "a debugger does already: use sudo, or end the debugger" in busy
-        finally:
-            strace.close()
         monkeypatch.setenv("PATH", str(tmp_path))
         assert "sudo apt install strace" in refused(pty.device)
         assert not is_traced(host.pid)
@@ -412,8 +408,7 @@ def test_line_of_strace_that_is_cut_is_a_gap_of_its_wire(
     script = tmp_path / "strace"
     script.write_text(
         "#!/bin/sh\necho 'strace: Process 7 attached' >&2\n"
-        'while [ "$1" != -o ]; do shift; done\n'
-        f"printf '%s' '7 1700.000100 {line}' > \"$2\"\n"
+        f"printf '%s' '7 1700.000100 {line}' >&2\n"
     )
     script.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
