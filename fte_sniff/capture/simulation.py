@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import count
+from itertools import count, cycle
 from random import Random
 from typing import Any, TypeAlias
 from urllib.parse import parse_qsl
@@ -65,8 +65,6 @@ class Motor:
 
     rpm: float = 0.0
     pulses: float = 0.0
-    online: bool = True
-    """False while its driver does not answer; the motor then stops."""
     _target_rpm: float = 0.0
     """Of a speed, or the limit of a move."""
     _target_pulses: float | None = None
@@ -90,8 +88,6 @@ class Motor:
         self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
 
     def _target_speed(self) -> float:
-        if not self.online:
-            return 0.0
         if self._target_pulses is None:
             return self._target_rpm
         distance = self._target_pulses - self.pulses
@@ -105,13 +101,11 @@ GEAR_RATIO = 20
 HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
 """Half the track plus half the wheelbase: the lever of a rotation."""
 
+STILL_RPM = 20
+"""Up to this speed, what is measured is exact; above, it is one more or less."""
+
 STEP_S = 0.002
 """Time step of the simulated physics, seconds."""
-
-OFFLINE_EVERY_S = (12.0, 90.0)
-"""Shortest and longest time between two periods in which one motor is offline."""
-
-OFFLINE_FOR_S = (0.4, 1.6)
 
 _RPM_PER_CM_S = 60 * GEAR_RATIO / (2 * math.pi * WHEEL_RADIUS_CM)
 _FEEDBACK_KIND_BY_CMD = {
@@ -151,15 +145,12 @@ def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[floa
 
 
 class Controller:
-    """Four motors, their modes, and the flags in the feedback."""
+    """Four motors and their modes."""
 
-    def __init__(self, rng: Random) -> None:
+    def __init__(self, dice: Random) -> None:
         self.motors = {number: Motor() for number in MOTORS}
         self._modes = dict.fromkeys(MOTORS, _SPEED)
-        self._rng = rng
-        self._steps = 0
-        self._offline = 0
-        self._change_at_s = self._between(*OFFLINE_EVERY_S)
+        self._dice, self._steps = dice, 0
 
     def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
         """Execute a control frame; ignore one for an unknown motor."""
@@ -189,20 +180,17 @@ class Controller:
             self._steps += 1
             for motor in self.motors.values():
                 motor.step(STEP_S)
-        while t_s >= self._change_at_s:
-            self._toggle_online()
 
-    def feedback(self, number: int) -> bytes | None:
-        """The feedback frame of one motor in its present mode; None while it is offline."""
+    def feedback(self, number: int) -> bytes:
+        """The feedback frame of one motor in its present mode."""
         motor, cmd = self.motors[number], self._modes[number].cmds[0]
-        if not motor.online:
-            return None
         kind = _FEEDBACK_KIND_BY_CMD[cmd]
+        jitter = self._dice.randint(-1, 1) if abs(motor.rpm) > STILL_RPM else 0
         readings = {
             Role.MOTOR: number,
-            Role.ERRORS: 1 << (self._offline - 1) if self._offline else 0,
-            Role.ONLINE: self._online,
-            Role.SPEED: self._measured(motor.rpm),
+            Role.ERRORS: 0,
+            Role.ONLINE: sum(1 << motor_bit(one) for one in MOTORS),
+            Role.SPEED: round(motor.rpm) + jitter,
             Role.POSITION: round(motor.pulses),
         }
         values = {
@@ -211,27 +199,6 @@ class Controller:
             if field.role in readings
         }
         return encode(kind, values, cmd)
-
-    @property
-    def _online(self) -> int:
-        return sum(1 << motor_bit(number) for number, one in self.motors.items() if one.online)
-
-    def _measured(self, rpm: float) -> int:
-        jitter = int(self._rng.random() * 3) - 1
-        return round(rpm) + (jitter if abs(rpm) > 20 else 0)
-
-    def _between(self, low: float, high: float) -> float:
-        return low + self._rng.random() * (high - low)
-
-    def _toggle_online(self) -> None:
-        if self._offline:
-            self.motors[self._offline].online = True
-            self._offline = 0
-            self._change_at_s += self._between(*OFFLINE_EVERY_S)
-        else:
-            self._offline = MOTORS[int(self._rng.random() * len(MOTORS))]
-            self.motors[self._offline].online = False
-            self._change_at_s += self._between(*OFFLINE_FOR_S)
 
 
 def _wrapped(value: int, field: Field) -> int:
@@ -246,10 +213,10 @@ Step: TypeAlias = tuple[float, Sequence[Command]]
 
 
 class SimulatedHost:
-    """Sends a script of resets, speed ramps, position moves and drives."""
+    """Sends a script of resets, speed ramps, position moves and drives, again and again."""
 
-    def __init__(self, rng: Random) -> None:
-        self._script = _script(rng)
+    def __init__(self) -> None:
+        self._script = cycle(_script())
         self._until_s, self._commands = next(self._script)
         self._sent = 0
 
@@ -269,47 +236,27 @@ def _command(kind: FrameKind, *values: int) -> Command:
     return kind, dict(zip((field.name for field in kind.fields), values, strict=True))
 
 
-def _pick(rng: Random, low: int, high: int) -> int:
-    return low + int(rng.random() * (high - low + 1))
+_TOP_SPEEDS = dict(zip(MOTORS, (1500, -1200, 900, -600), strict=True))
+_GOALS = dict(zip(MOTORS, (15_000, -12_000, 6_000, -3_000), strict=True))
+_DRIVES = (40, 0, 0), (0, 30, 0), (0, 0, 900), (-40, 0, 0), (0, -30, 0), (20, 20, 0), (30, 0, -600)
 
 
-def _sign(rng: Random) -> int:
-    return 1 if rng.random() < 0.5 else -1
-
-
-def _script(rng: Random) -> Iterator[Step]:
-    while True:
-        yield 0.0, (_command(_RESET),)
-        yield 0.3, ()
-        for phase in (_speed_ramps, _position_moves, _drives):
-            yield from phase(rng)
-            yield _pick(rng, 2, 8) / 10, ()
-
-
-def _speed_ramps(rng: Random) -> Iterator[Step]:
-    tops = {motor: _sign(rng) * _pick(rng, 4, 30) * 50 for motor in MOTORS}
-    for level in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
-        yield 0.15, [_command(_SPEED, motor, top * level // 10) for motor, top in tops.items()]
-
-
-def _position_moves(rng: Random) -> Iterator[Step]:
-    goals = {motor: _sign(rng) * _pick(rng, 4, 40) * 500 for motor in MOTORS}
-    for targets in (goals, dict.fromkeys(MOTORS, 0)):
-        limit = _pick(rng, 6, 12) * 100
-        yield 0.1, [_command(_POSITION, motor, limit, at) for motor, at in targets.items()]
-        yield _pick(rng, 25, 35) / 10, ()
-
-
-def _drives(rng: Random) -> Iterator[Step]:
-    ways = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (-1, 0, 0), (0, -1, 0), (1, 1, 0), (1, 0, -1))
-    for _ in range(_pick(rng, 4, 6)):
-        way = ways[_pick(rng, 0, len(ways) - 1)]
-        cm_s, mrad_s = _pick(rng, 2, 10) * 5, _pick(rng, 3, 15) * 100
-        tops = way[0] * cm_s, way[1] * cm_s, way[2] * mrad_s
+def _script() -> Iterator[Step]:
+    yield 0.0, [_command(_RESET)]
+    yield 0.3, []
+    for tenths in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
+        rpms = {motor: top * tenths // 10 for motor, top in _TOP_SPEEDS.items()}
+        yield 0.15, [_command(_SPEED, motor, rpm) for motor, rpm in rpms.items()]
+    yield 0.5, []
+    for goals in (_GOALS, dict.fromkeys(MOTORS, 0)):
+        yield 0.1, [_command(_POSITION, motor, 1000, at) for motor, at in goals.items()]
+        yield 3.0, []
+    for tops in _DRIVES:
         for tenths in range(2, 11, 2):
-            yield 0.1, (_command(_DRIVE, *(top * tenths // 10 for top in tops)),)
-        yield _pick(rng, 5, 15) / 10, (_command(_DRIVE, *tops),)
-    yield 0.4, (_command(_DRIVE, 0, 0, 0),)
+            yield 0.1, [_command(_DRIVE, *(top * tenths // 10 for top in tops))]
+        yield 1.0, [_command(_DRIVE, *tops)]
+    yield 0.4, [_command(_DRIVE, 0, 0, 0)]
+    yield 0.5, []
 
 
 # The line: faults, parameters, bytes with times
@@ -322,39 +269,6 @@ LATE_S = 0.06
 
 MOST_DROPPED = 4  # adjacent bytes lost in one fault, at most
 MOST_NOISE = 8  # random bytes between two frames, at most
-
-
-class Faults:
-    """Damages frames with given probabilities."""
-
-    def __init__(self, seed: int, drop: float, flip: float, noise: float) -> None:
-        self._drop, self._flip, self._noise = drop, flip, noise
-        self._drop_dice = Random(f"{seed}/drop")
-        self._flip_dice = Random(f"{seed}/flip")
-        self._noise_dice = Random(f"{seed}/noise")
-
-    def damaged(self, raw: bytes) -> bytes:
-        """The frame as received; at least one byte is left."""
-        if self._flip_dice.random() < self._flip:
-            offset, bit = divmod(_below(self._flip_dice, len(raw) * 8), 8)
-            raw = raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
-        if self._drop_dice.random() < self._drop:
-            size = 1 + _below(self._drop_dice, min(MOST_DROPPED, len(raw) - 1))
-            first = _below(self._drop_dice, len(raw) - size + 1)
-            raw = raw[:first] + raw[first + size :]
-        return raw
-
-    def noise(self) -> bytes:
-        """Noise before the next frame; mostly none."""
-        dice = self._noise_dice
-        if dice.random() >= self._noise:
-            return b""
-        return bytes(_below(dice, 256) for _ in range(1 + _below(dice, MOST_NOISE)))
-
-
-def _below(dice: Random, end: int) -> int:
-    """A random integer in 0..end-1; only `random()` is the same in every version of Python."""
-    return int(dice.random() * end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -468,11 +382,9 @@ class Simulation:
         """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""
         parameters.check_against(baud)
         self.parameters = parameters
-        self.controller = Controller(Random(f"{parameters.seed}/controller"))
-        self._host = SimulatedHost(Random(f"{parameters.seed}/host"))
-        self._jitter_dice = Random(f"{parameters.seed}/jitter")
-        self._faults = Faults(parameters.seed, parameters.drop, parameters.flip, parameters.noise)
-        self._weak_dice = Random(f"{parameters.seed}/weak")
+        self._dice = Random(parameters.seed)
+        self.controller = Controller(Random(parameters.seed))
+        self._host = SimulatedHost()
         self._late: deque[tuple[int, bytes]] = deque()
         """When the late answers begin, and their frames."""
         self._byte_ns = byte_time_ns(baud)
@@ -487,7 +399,7 @@ class Simulation:
         jitter_ns = min(max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns), _MOST_JITTER_NS)
         for slot in count():
             sent = self._frame_in(slot)
-            begins_ns = int(slot * slot_ns + self._jitter_dice.random() * jitter_ns)
+            begins_ns = int(slot * slot_ns + self._dice.random() * jitter_ns)
             frames = [*self._on_wire(slot, begins_ns, sent)]
             if not frames:
                 yield TimedBytes(begins_ns, begins_ns, b"", b"")
@@ -505,7 +417,7 @@ class Simulation:
             yield self._late.popleft()
         weak = self.parameters.weak_motor
         if sent is not None and weak and slot % (1 + len(MOTORS)) == weak:
-            fate = self._weak_dice.random()
+            fate = self._dice.random()
             if fate < WEAK_DROP:
                 return
             if fate < WEAK_DROP + WEAK_LATE:
@@ -528,12 +440,23 @@ class Simulation:
         return encode(*command) if self.parameters.wire != Direction.FEEDBACK else None
 
     def _received(self, sent: bytes, begins_ns: int) -> Iterator[TimedBytes]:
-        noise = self._faults.noise()
-        if noise:
+        if self._dice.random() < self.parameters.noise:
+            noise = self._dice.randbytes(self._dice.randint(1, MOST_NOISE))
             duration_ns = len(noise) * self._byte_ns
             yield self._timed(max(0, begins_ns - 2 * duration_ns), noise, duration_ns, b"")
-        duration_ns = len(sent) * self._byte_ns
-        yield self._timed(begins_ns, self._faults.damaged(sent), duration_ns, sent)
+        yield self._timed(begins_ns, self._damaged(sent), len(sent) * self._byte_ns, sent)
+
+    def _damaged(self, raw: bytes) -> bytes:
+        """The frame as received; at least one byte is left."""
+        dice = self._dice
+        if dice.random() < self.parameters.flip:
+            offset, bit = divmod(dice.randrange(len(raw) * 8), 8)
+            raw = raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
+        if dice.random() < self.parameters.drop:
+            size = dice.randint(1, MOST_DROPPED)
+            first = dice.randrange(len(raw) - size + 1)
+            raw = raw[:first] + raw[first + size :]
+        return raw
 
     def _timed(self, begins_ns: int, data: bytes, duration_ns: int, sent: bytes) -> TimedBytes:
         begins_ns = max(begins_ns, self._free_at_ns)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, tzinfo
 from functools import lru_cache
-from itertools import takewhile
+from os.path import commonprefix
 from textwrap import wrap as wrap_ascii
 from typing import Final
 
@@ -157,30 +157,13 @@ _SEPARATORS = "/\\:?& "
 def short_names(names: Sequence[str], width: int) -> dict[str, str]:
     """Shorten names to at most `width` cells, keeping them distinct if the width allows.
 
-    The common prefix, up to the last part of a path, is removed. Longer names are cut in the
-    middle; if two would be equal, at the start; otherwise they are numbered.
+    The common prefix, up to the last part of a path, is removed, and long names are cut at their
+    start; if two would be equal, they are numbered.
     """
-    parts = _without_prefix(names)
-    ways = (
-        [_cut_middle(part, width) for part in parts],
-        [fit_path(part, width) for part in parts],
-        [fit(part, width).rstrip() for part in parts],
-    )
-    numbered = [fit(f"{at} {part}", width).rstrip() for at, part in enumerate(parts, 1)]
-    chosen = next((way for way in ways if len(set(way)) == len(set(names))), numbered)
-    return dict(zip(names, chosen, strict=True))
-
-
-def _without_prefix(names: Sequence[str]) -> list[str]:
-    signs = zip(*names, strict=False) if len(set(names)) > 1 else ()
-    common = "".join(sign[0] for sign in takewhile(lambda sign: len(set(sign)) == 1, signs))
+    common = commonprefix(names) if len(set(names)) > 1 else ""  # noqa: RUF071 - also of URLs
     start = 1 + max(common.rfind(separator) for separator in _SEPARATORS)
-    parts = [name[start:] for name in names]
-    return parts if all(parts) else list(names)
-
-
-def _cut_middle(text: str, width: int) -> str:
-    if cell_len(text) <= width:
-        return text
-    left = (width - 1) // 2
-    return fit(text, left + 1).rstrip(ELLIPSIS).rstrip() + fit_path(text, width - left)
+    parts = [name[start:] or name for name in names]
+    cut = [fit_path(part, width) for part in parts]
+    if len(set(cut)) < len(set(names)):
+        cut = [fit(f"{at} {part}", width).rstrip() for at, part in enumerate(parts, 1)]
+    return dict(zip(names, cut, strict=True))

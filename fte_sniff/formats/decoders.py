@@ -7,12 +7,8 @@ The code of a decoder that does not depend on the protocol is a template beside 
 from __future__ import annotations
 
 import json
-import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
 from pprint import pformat
 from types import MappingProxyType
 from typing import Final
@@ -158,49 +154,7 @@ def _lua(value: object) -> str:
             raise TypeError(f"{value!r} has no form in Lua")
 
 
-# The tools
-
-
-@dataclass(frozen=True, slots=True)
-class Tool:
-    """A tool that can decode the protocol."""
-
-    text: Callable[[], str]
-    """Makes the decoder's source."""
-    path: Callable[[], Path]
-    """The file that the tool loads."""
-    use: str
-    """How to use the decoder, in one line."""
-
-
-def _sigrok_path() -> Path:
-    """The decoder in GLib's folder for data of the user, which libsigrokdecode searches."""
-    if sys.platform == "win32":
-        data = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData/Local")
-    else:
-        data = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share")
-    return data / "libsigrokdecode/decoders/fte/__init__.py"
-
-
-def _wireshark_path() -> Path:
-    """The dissector in the folder that Wireshark shows as "Personal Lua Plugins"."""
-    if sys.platform == "win32":
-        data = Path(os.environ.get("APPDATA") or Path.home() / "AppData/Roaming")
-        return data / "Wireshark/plugins/fte.lua"
-    return Path.home() / ".local/lib/wireshark/plugins/fte.lua"
-
-
-TOOLS: Mapping[str, Tool] = MappingProxyType(
-    {
-        "sigrok": Tool(
-            sigrok_decoder,
-            _sigrok_path,
-            "add the decoder UART and stack FTE on it; sigrok-cli -P uart:rx=D0:tx=D1,fte -A fte",
-        ),
-        "wireshark": Tool(
-            wireshark_dissector,
-            _wireshark_path,
-            "fte-sniff decode capture.mcap -o capture.pcapng && wireshark capture.pcapng",
-        ),
-    }
+TOOLS: Final[Mapping[str, Callable[[], str]]] = MappingProxyType(
+    {"sigrok": sigrok_decoder, "wireshark": wireshark_dissector}
 )
+"""By tool, what makes the source of its decoder."""

@@ -48,7 +48,7 @@ class LogText:
         while 0 < len(first.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
             first += more
         self.first = first[:_SNIFFED]
-        encoding, pending = _encoding_of(first), b""
+        encoding, pending = _MARKS.get(first[:2]), b""
         decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
         data = first
         while data:
@@ -88,21 +88,10 @@ def _line_of(data: bytes) -> str:
         return data.decode("gb18030", "replace")
 
 
-def _encoding_of(first: bytes) -> str:
-    """UTF-16 by its mark, or by the zeros between its letters; else nothing."""
-    if encoding := _MARKS.get(first[:2]):
-        return encoding
-    for encoding, low in (("utf-16-le", 0), ("utf-16-be", 1)):
-        letters, high = first[low:_SNIFFED:2], first[1 - low : _SNIFFED : 2]
-        if 0 not in letters and 2 * high.count(0) >= max(1, len(high)):
-            return encoding
-    return ""
-
-
 def is_text(first: bytes) -> bool:
     """Whether a stream that begins so is text; raw bytes of the wire always hold control codes."""
     first = _NULS.sub(b"", first)
-    if _encoding_of(first) or not first:
+    if first[:2] in _MARKS or not first:
         return True
     decoded = _decoded(first[:-4] if len(first) > 64 else first)
     return not _CONTROL.search(first) and "\ufffd" not in decoded

@@ -72,8 +72,8 @@ FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
     {
         Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
         Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
-        Fault.BAD_HEADER: "ten bytes in step with their neighbours, the header wrong",
-        Fault.BAD_TAIL: "ten bytes in step with their neighbours, the tail wrong",
+        Fault.BAD_HEADER: "ten bytes like a frame, the header wrong",
+        Fault.BAD_TAIL: "ten bytes like a frame, the tail wrong",
         Fault.TRUNCATED: "starts like a frame, bytes are missing",
         Fault.OVERLONG: "starts and ends like a frame, bytes too many",
         Fault.NOISE: "bytes that belong to no frame, or are the rest of one without its start",

@@ -10,7 +10,6 @@ import queue
 import socket
 import threading
 import time
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
@@ -28,13 +27,6 @@ class Rfc2217Serial(rfc2217.Serial):
     _thread: threading.Thread | None
     _read_buffer: queue.Queue[bytes | None]
     _rfc2217_options: dict[str, Any]
-
-    def open(self) -> None:
-        """Connect and configure the port; raises SerialException as pyserial does."""
-        with warnings.catch_warnings():
-            # pyserial starts its thread with a method that Python 3.10 deprecates.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            super().open()
 
     def close(self) -> None:
         """Close the connection, also one that the server has closed already."""
