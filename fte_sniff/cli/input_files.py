@@ -69,7 +69,7 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.tally import Tally
-    from fte_sniff.formats.log import LogOptions
+    from fte_sniff.formats.log_times import LogOptions
     from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.notes import Notes
 
@@ -397,7 +397,7 @@ class InputQuery:
 
     def log_options(self) -> LogOptions:
         """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.log import LogOptions
+        from fte_sniff.formats.log_times import LogOptions
 
         day = None if self.day is None else day_of(self.day)
         pattern = None if self.pattern is None else _pattern_of(self.pattern)

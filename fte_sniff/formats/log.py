@@ -22,7 +22,6 @@ import select
 from binascii import a2b_base64
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from datetime import date, tzinfo
 from functools import lru_cache, partial
 from itertools import chain, product
 from pathlib import Path
@@ -31,11 +30,10 @@ from typing import BinaryIO, Final, NamedTuple, NoReturn
 from fte_sniff.errors import FileError, InputTextError, quoted, unreadable
 from fte_sniff.formats.known_files import refuse_results
 from fte_sniff.formats.log_text import LogText, too_long
-from fte_sniff.formats.log_times import LogClock, day_of_file, style_of
+from fte_sniff.formats.log_times import LogClock, LogOptions, style_of
 from fte_sniff.formats.plain_hex import is_hex_line, is_plain_hex, plain_hex, plain_pieces
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import (
-    DEFAULT_BAUD,
     FRAME_LENGTH,
     HEADERS,
     Chunk,
@@ -179,20 +177,6 @@ def _word(before: str) -> str:
     words = _WAY.sub("W", before).rsplit(None, 2)
     last = words[-1:] if re.search(r"\w", "".join(words[-1:])) else words[-2:]
     return _NUMBER.sub("0", " ".join(last))
-
-
-class LogOptions(NamedTuple):
-    """What the user says of a log."""
-
-    day: date | None = None
-    """The date of the first time that has none; None for that of the file."""
-    zone: tzinfo | None = None
-    """Of times without one; None for UTC."""
-    start_ns: int | None = None
-    """When the seconds of the log began; None for 1970."""
-    pattern: re.Pattern[str] | None = None
-    """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
-    baud: int = DEFAULT_BAUD
 
 
 class Line(NamedTuple):
@@ -545,10 +529,7 @@ class Log:
         self._blocks = self._text.blocks(stream) if stream else self._blocks_of(Path(name))
         self._size, self._skipped, self._example = 0, 0, ""
         first = self._decide()
-        options = self.options
-        self._clock = LogClock(
-            first, day_of_file(Path(name)), options.day, options.zone, options.start_ns
-        )
+        self._clock = LogClock(first, name, self.options)
 
     @property
     def is_plain(self) -> bool:

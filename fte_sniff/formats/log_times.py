@@ -17,9 +17,9 @@ from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol import DEFAULT_BAUD, iso_time
 
 _SECOND: Final = 10**9
 _DAY: Final = 86_400 * _SECOND
@@ -82,32 +82,29 @@ def style_of(lines: Sequence[str], *, alone: bool = False) -> re.Pattern[str] | 
     return best if _LEAST_SHARE * len(lines) <= len(found[best]) else None
 
 
+class LogOptions(NamedTuple):
+    """What the user says of a log."""
+
+    day: date | None = None
+    """The date of the first time that has none; None for that of the file."""
+    zone: tzinfo | None = None
+    """Of times without one; None for UTC."""
+    start_ns: int | None = None
+    """When the seconds of the log began; None for 1970."""
+    pattern: re.Pattern[str] | None = None
+    """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
+    baud: int = DEFAULT_BAUD
+
+
 class LogClock:
     """The times of a log, in the order of its lines."""
 
-    def __init__(
-        self,
-        lines: Iterable[str],
-        file_day: tuple[date, str],
-        day: date | None,
-        zone: tzinfo | None,
-        start_ns: int | None,
-    ) -> None:
-        """A clock.
-
-        Args:
-            lines: the first lines, which show the order of day and month, and the unit of seconds.
-            file_day: the day of the log, and where it is known from.
-            day: the date of the first time that has none; None for that of the log.
-            zone: that of times without one; None for UTC.
-            start_ns: when the seconds began.
-        """
-        lines = list(lines)
-        heads = [one[2].lower() for line in lines if (one := _HEADING.match(line))]
-        self._unit = _UNITS[heads[0]] if heads else _SECOND
-        self._zone, self._start_ns = zone, start_ns
-        own_day, source = file_day
-        self._day, self._source = (own_day, source) if day is None else (day, "")
+    def __init__(self, lines: Sequence[str], name: str, options: LogOptions) -> None:
+        """A clock; the first lines show the order of day and month, and the unit of seconds."""
+        heading = next(filter(None, map(_HEADING.match, lines)), None)
+        self._unit = _UNITS[heading[2].lower()] if heading else _SECOND
+        self._zone, self._start_ns = options.zone, options.start_ns
+        self._day, self._source = (options.day, "") if options.day else _day_of(Path(name))
         self._day_first, self._ambiguous = _order(lines, self._day)
         self._kinds = set[str]()
         self._lacking = self._falls = 0
@@ -260,7 +257,7 @@ def _order(lines: Iterable[str], near: date) -> tuple[bool, str]:
 _IN_NAME: Final = re.compile(r"(?<!\d)(20\d\d)\D?([01]\d)\D?([0-3]\d)(?!\d)")
 
 
-def day_of_file(path: Path) -> tuple[date, str]:
+def _day_of(path: Path) -> tuple[date, str]:
     """The day in the name of a file, else that of its last modification; and where it is from."""
     for found in _IN_NAME.findall(path.name):
         with suppress(ValueError):

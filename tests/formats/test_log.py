@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats import log_text
-from fte_sniff.formats.log import Log, LogOptions
+from fte_sniff.formats.log import Log
 from fte_sniff.formats.log_text import is_text
+from fte_sniff.formats.log_times import LogOptions
 from fte_sniff.protocol import (
     HEADERS,
     KINDS,
