@@ -37,11 +37,9 @@ class PortGroup:
     """True to wait for a lost port, if it can come back."""
 
     def __post_init__(self) -> None:
-        targets = [_target_of(name) for name in self.names]
-        if len(set(targets)) < len(targets):
-            twice = printable(max(self.names, key=lambda name: targets.count(_target_of(name))))
+        if len(set(self.names)) < len(self.names):
             raise UsageError(
-                f"{twice} is named twice: name the port of the other wire "
+                f"{printable(self.names[-1])} is named twice: name the port of the other wire "
                 "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
             )
 
@@ -52,11 +50,6 @@ class PortGroup:
             for name in self.names
         ]
         return Source(connects, clock, reconnect=self.reconnect)
-
-
-def _target_of(name: str) -> str:
-    """The device that a name leads to; one device has many spellings and links."""
-    return name if "://" in name or "\0" in name else os.path.realpath(name)
 
 
 def connect_port(

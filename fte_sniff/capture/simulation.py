@@ -12,16 +12,16 @@ receives every command; faults affect only the listener.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count, cycle
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 from urllib.parse import parse_qsl
+
+import click
 
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import (
@@ -272,86 +272,59 @@ MOST_NOISE = 8  # random bytes between two frames, at most
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """One parameter of a simulation."""
-
-    name: str
-    default: int | float | str
-    meaning: str
-    low: float = 0
-    high: float = math.inf
-    words: tuple[str, ...] = ()
-
-    @property
-    def range_text(self) -> str:
-        """The legal values for messages and help: `0..1`, `on|off`."""
-        if self.words:
-            return "|".join(self.words)
-        whole = "a whole number " if isinstance(self.default, int) else ""
-        low, high = (f"{bound:.15g}" for bound in (self.low, self.high))
-        return f"{whole}>= {low}" if math.isinf(self.high) else f"{whole}{low}..{high}"
-
-    def read(self, text: str) -> Any:
-        """Parse `text`; raises PortError with the legal range if it is not a legal value."""
-        with suppress(ValueError):
-            value: Any = type(self.default)(text)
-            if value in self.words if self.words else self.low <= value <= self.high:
-                return value
-        raise PortError(f"sim:// cannot take {self.name}={text:.40}: it is {self.range_text}")
-
-
-def _parameter(default: float | str, meaning: str, **limits: Any) -> Any:
-    metadata = {"default": default, "meaning": meaning, **limits}
-    return dataclasses.field(default=default, metadata=metadata)
-
-
-@dataclass(frozen=True, slots=True)
 class SimulationParameters:
-    """The parameters of a simulation; values out of range raise PortError."""
+    """The parameters of a simulation; `PARAMETERS` has their meanings and ranges."""
 
-    seed: int = _parameter(0, "the same seed gives the same bytes")
-    rate: float = _parameter(
-        200.0, "frames per second on the wire, both directions together", low=0.01, high=1e6
-    )
-    drop: float = _parameter(0.0, "share of the frames that lose adjacent bytes", high=1)
-    flip: float = _parameter(0.0, "share of the frames that have one bit flipped", high=1)
-    noise: float = _parameter(0.0, "share of the frames with random bytes before them", high=1)
-    wire: str = _parameter("both", "which frames are received", words=("both", *Direction))
-    host: str = _parameter("on", "whether a host sends commands", words=("on", "off"))
-    frames: int = _parameter(0, "the port is unplugged after this many frames; 0 is never")
-    weak_motor: int = _parameter(
-        0, "the motor that loses and delays answers; 0 is none", high=max(MOTORS)
-    )
-
-    def __post_init__(self) -> None:
-        for parameter in PARAMETERS:
-            parameter.read(str(getattr(self, parameter.name)))
+    seed: int = 0
+    rate: float = 200.0
+    drop: float = 0.0
+    flip: float = 0.0
+    noise: float = 0.0
+    wire: str = "both"
+    host: str = "on"
+    frames: int = 0
+    weak_motor: int = 0
 
     def check_against(self, baud: int) -> None:
         """Raise PortError if a line of `baud` bits per second cannot carry the rate."""
         most = round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
-        if self.rate > most:
+        if not self.rate <= most:
             raise PortError(
                 f"sim:// cannot take rate={self.rate:g}: a line of {baud} baud carries at most "
                 f"{most} frames/s; ask for less, or for more with --baud"
             )
 
 
-PARAMETERS: tuple[Parameter, ...] = tuple(
-    Parameter(field.name, **field.metadata) for field in dataclasses.fields(SimulationParameters)
-)
-"""Every parameter, in the order of the help."""
+_SHARE: Final = click.FloatRange(0, 1)
+PARAMETERS: Final[Mapping[str, tuple[click.ParamType[Any], str]]] = {
+    "seed": (click.IntRange(0), "The same seed gives the same bytes."),
+    "rate": (click.FloatRange(0.01, 1e6), "Frames a second, both directions together."),
+    "drop": (_SHARE, "Share of the frames that lose adjacent bytes."),
+    "flip": (_SHARE, "Share of the frames that have one bit flipped."),
+    "noise": (_SHARE, "Share of the frames with random bytes before them."),
+    "wire": (click.Choice(["both", *map(str, Direction)]), "Which frames are received."),
+    "host": (click.Choice(["on", "off"]), "Whether a host sends commands."),
+    "frames": (click.IntRange(0), "The port is unplugged after this many frames; 0 is never."),
+    "weak_motor": (
+        click.IntRange(0, max(MOTORS)),
+        "The motor that loses and delays answers; 0 is none.",
+    ),
+}
+"""The type and the meaning of every parameter, in the order of the help."""
 
 
 def parse_parameters(query: str) -> SimulationParameters:
     """Parse the query of a URL, `seed=1&drop=0.01`; raises PortError if it is not legal."""
-    by_name = {parameter.name: parameter for parameter in PARAMETERS}
     values: dict[str, Any] = {}
     for name, text in parse_qsl(query, keep_blank_values=True):
-        if name not in by_name or name in values:
+        if name not in PARAMETERS or name in values:
             what = "is given twice" if name in values else "is not one of its parameters"
-            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(by_name)}")
-        values[name] = by_name[name].read(text)
+            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(PARAMETERS)}")
+        try:
+            values[name] = PARAMETERS[name][0].convert(text, None, None)
+        except click.BadParameter as error:
+            reason = error.message.removesuffix(".")
+            raise PortError(f"sim:// cannot take {name}={text:.40}: {reason}") from error
     return SimulationParameters(**values)
 
 

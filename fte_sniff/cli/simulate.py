@@ -5,6 +5,7 @@ The options come from the simulation's table of parameters.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import click
 
 from fte_sniff.capture.serial_port import BAUD_RANGE
-from fte_sniff.capture.simulation import PARAMETERS, Parameter, SimulationParameters
+from fte_sniff.capture.simulation import PARAMETERS, SimulationParameters
 from fte_sniff.cli.input_files import FileName
 from fte_sniff.cli.options import require_pseudo_terminals
 from fte_sniff.cli.streams import ending_signals, print_err
@@ -23,14 +24,10 @@ _FIXED = {"host": "off", "wire": Direction.FEEDBACK.value}
 """The host is the program that is being developed, and receives feedback only."""
 
 
-def _option(parameter: Parameter) -> click.Option:
-    return click.Option(
-        [f"--{parameter.name.replace('_', '-')}"],
-        type=type(parameter.default),
-        default=parameter.default,
-        show_default=True,
-        help=f"{parameter.meaning} ({parameter.range_text})",
-    )
+def _option(name: str, default: Any) -> click.Option:
+    kind, meaning = PARAMETERS[name]
+    option = f"--{name.replace('_', '-')}"
+    return click.Option([option], type=kind, default=default, show_default=True, help=meaning)
 
 
 def _run(
@@ -120,7 +117,7 @@ command = click.Command(
             type=click.FloatRange(0.01, 1000),
             help="With --replay: how fast.  [default: 1]",
         ),
-        *(_option(parameter) for parameter in PARAMETERS if parameter.name not in _FIXED),
+        *(_option(*one) for one in asdict(SimulationParameters()).items() if one[0] not in _FIXED),
     ],
     short_help="A controller on a pseudo-terminal, to develop against.",
     help="Simulate a controller on a pseudo-terminal, for a host program to open.\n\n"

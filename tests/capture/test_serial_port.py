@@ -76,7 +76,7 @@ def test_every_byte_comes_through_unchanged_and_none_goes_out(pty, baud, until):
         ("foo://bar", ["foo://bar: no such kind of port", "sim://", "socket://", "loop://"]),
         ("sim://?sed=1", ["it has seed, rate"]),
         ("sim://?rate=9999", ["at most 1152 frames/s"]),
-        ("SIM://?drop=7", ["drop=7", "0..1"]),
+        ("SIM://?drop=7", ["drop=7", "0<=x<=1"]),
         ("socket://localhost", ["no host and TCP port", "socket://192.168.0.7:4001"]),
         ("socket://localhost:99999", ["cannot be opened"]),
         ("rfc2217://:1", ["no host and TCP port", "rfc2217://192.168.0.7:4001"]),
