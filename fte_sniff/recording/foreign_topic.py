@@ -18,7 +18,7 @@ import struct
 from collections.abc import Callable, Collection, Iterator
 from heapq import heapify, heappop, heappush
 from pathlib import Path
-from typing import BinaryIO, Final, Literal, NamedTuple
+from typing import BinaryIO, Final, Literal, TypeAlias
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
@@ -30,7 +30,6 @@ from fte_sniff.platform import read_at
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.chunks import (
     HEAD,
-    ChunkRef,
     DamagedError,
     contents_of,
     records_in,
@@ -41,18 +40,12 @@ from fte_sniff.recording.schema import message_class
 Payload = Callable[[bytes], bytes]
 """Extracts the serial bytes from a message; raises ValueError if there are none."""
 
+_Message: TypeAlias = tuple[int, tuple[int, int], int, bytes]
+"""A message: its time and its place in the file, which sort it; its channel; its bytes."""
+
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 _END_NS: Final = 2**63
 """The year 2262: a later time does not fit 64-bit columns, and is dropped."""
-
-
-class _Message(NamedTuple):
-    """A message of the topics; sorted by its time, then by its place in the file."""
-
-    t_ns: int
-    place: tuple[int, int]
-    channel: int
-    data: bytes
 
 
 def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
@@ -82,17 +75,17 @@ class _TopicReader:
         waiting = [
             message
             for start, stop in self._contents.messages
-            for message in self._of_topics((start, 0), self._read(start, stop))
+            for message in self._messages(start, stop, is_chunk=False)
         ]
         heapify(waiting)
         for chunk in sorted(self._contents.chunks, key=lambda one: (one.first_ns, one.start)):
-            while waiting and waiting[0].t_ns < chunk.first_ns:
-                yield self._chunk(heappop(waiting))
-            for message in self._messages(chunk):
+            while waiting and waiting[0][0] < chunk.first_ns:
+                yield self._chunk(*heappop(waiting))
+            for message in self._messages(chunk.start, chunk.stop, is_chunk=True):
                 heappush(waiting, message)
         self._check_topics()
         while waiting:
-            yield self._chunk(heappop(waiting))
+            yield self._chunk(*heappop(waiting))
         for lost in self._contents.lost:
             raise FileError(
                 "{path}: {where}: {why}", path=self._path, where=lost.where, why=lost.why
@@ -100,53 +93,45 @@ class _TopicReader:
 
     def _check_topics(self) -> None:
         names = sorted({channel.topic for channel in self._contents.channels.values()})
-        for topic in self._topics:
-            if topic not in names:
-                raise FileError(
-                    "{path} has no topic {topic}: it has {names}",
-                    path=self._path,
-                    topic=repr(topic),
-                    names=listed(map(repr, names)) or TranslatableText("no topics at all"),
-                )
+        for topic in set(self._topics).difference(names):
+            has = listed(map(repr, names)) or TranslatableText("no topics at all")
+            raise FileError(
+                "{path} has no topic {topic}: it has {names}",
+                path=self._path,
+                topic=repr(topic),
+                names=has,
+            )
 
-    def _read(self, start: int, stop: int) -> bytes:
-        """The body of a record."""
-        return read_at(self._descriptor, stop - start, start)[HEAD.size :]
-
-    def _messages(self, chunk: ChunkRef) -> Iterator[_Message]:
-        """The messages of a chunk, in file order."""
+    def _messages(self, start: int, stop: int, *, is_chunk: bool) -> Iterator[_Message]:
+        """The messages of the topics in a chunk, in file order; or the only one of a record."""
+        data = read_at(self._descriptor, stop - start, start)
         try:
-            records = unpack(self._read(chunk.start, chunk.stop))
-            for opcode, at, stop in records_in(records):
-                body = records[at + HEAD.size : stop]
-                if opcode == Opcode.MESSAGE:
-                    yield from self._of_topics((chunk.start, at), body)
-                else:
+            records = unpack(data[HEAD.size :]) if is_chunk else data
+            for opcode, at, end in records_in(records):
+                body = records[at + HEAD.size : end]
+                if opcode != Opcode.MESSAGE:
                     self._contents.define(opcode, body)
+                elif len(body) >= _MESSAGE_HEAD.size:
+                    id_, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+                    channel = self._contents.channels.get(id_)
+                    if channel is not None and channel.topic in self._topics:
+                        yield t_ns, (start, at), id_, body[_MESSAGE_HEAD.size :]
         except DamagedError as error:
             raise FileError(
-                "{path}: {why} at byte {at}", path=self._path, why=error.args[0], at=chunk.start
+                "{path}: {why} at byte {at}", path=self._path, why=error.args[0], at=start
             ) from error
 
-    def _of_topics(self, place: tuple[int, int], body: bytes) -> Iterator[_Message]:
-        """The message at a place of the file, if it is of one of the topics."""
-        if len(body) >= _MESSAGE_HEAD.size:
-            channel_id, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-            channel = self._contents.channels.get(channel_id)
-            if channel is not None and channel.topic in self._topics:
-                yield _Message(t_ns, place, channel_id, body[_MESSAGE_HEAD.size :])
-
-    def _chunk(self, message: _Message) -> Chunk:
-        channel = self._contents.channels[message.channel]
+    def _chunk(self, t_ns: int, _place: object, id_: int, data: bytes) -> Chunk:
+        channel = self._contents.channels[id_]
         try:
-            if message.channel not in self._payloads:
-                self._payloads[message.channel] = self._payload_of(channel)
-            data = self._payloads[message.channel](message.data)
+            if id_ not in self._payloads:
+                self._payloads[id_] = self._payload_of(channel)
+            own = self._payloads[id_](data)
         except ValueError as error:
             raise FileError(
                 "{path}: {topic}: {why}", path=self._path, topic=channel.topic, why=str(error)
             ) from error
-        return Chunk(channel.topic, message.t_ns if message.t_ns < _END_NS else None, data)
+        return Chunk(channel.topic, t_ns if t_ns < _END_NS else None, own)
 
     def _payload_of(self, channel: Channel) -> Payload:
         schema = self._contents.schemas.get(channel.schema_id)
