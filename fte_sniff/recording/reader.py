@@ -149,8 +149,6 @@ class Recording:
             self._copy = self._copied(stream)
         with self._open() as file:
             found = os.fstat(file.fileno())
-            self.size = found.st_size
-            """Bytes of the file when it was opened."""
             self._identity = found.st_dev, found.st_ino
             self._check_start(file)
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)

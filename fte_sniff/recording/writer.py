@@ -224,8 +224,10 @@ class Encoder:
         definitions = self._definitions(rows, events)
         order, times = self._in_order(rows, events)
         channels = self._channels_of(rows, events)[order]
-        groups = self._groups(rows, events, order, times)
-        data, starts = self._records(groups, order, times, channels)
+        places = np.empty_like(order)
+        places[order] = np.arange(len(order))
+        groups = self._groups(rows, events, times[places])
+        data, starts = self._records(groups, places, times, channels)
         self.times = (int(times[0]) if self.times is None else self.times[0]), int(times[-1])
         return ChunkMessages(definitions + data, channels, times, starts + len(definitions))
 
@@ -308,11 +310,9 @@ class Encoder:
         )
 
     def _groups(
-        self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints
+        self, rows: Rows, events: Sequence[PortEvent], log_times: Ints
     ) -> list[tuple[Ints, Array]]:
         """The messages of equal length: the numbers of their entries, and opaque values."""
-        log_times = np.empty(len(order), np.int64)
-        log_times[order] = times
         found: list[tuple[Ints, Array]] = []
         keys = _keys_of(rows, log_times[: len(rows)])
         for own in groups_of(keys):
@@ -327,20 +327,18 @@ class Encoder:
         return found
 
     def _records(
-        self, messages: list[tuple[Ints, Array]], order: Ints, times: Ints, channels: Ints
+        self, messages: list[tuple[Ints, Array]], places: Ints, times: Ints, channels: Ints
     ) -> tuple[bytes, Ints]:
-        """The message records in their order, and their starts."""
-        places = np.empty(len(order), np.int64)
-        places[order] = np.arange(len(order))
-        lengths = np.empty(len(order), np.int64)
+        """The message records in their order, from the place of each entry; and their starts."""
+        lengths = np.empty(len(times), np.int64)
         for own, values in messages:
             lengths[places[own]] = MESSAGE_HEAD + values.itemsize
         stops = np.cumsum(lengths)
         starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
-        heads = np.empty(len(order), MESSAGE)
+        heads = np.empty(len(times), MESSAGE)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
         heads["channel"] = channels
-        heads["sequence"] = sum(self._counts.values()) + np.arange(len(order))
+        heads["sequence"] = self._counts.total() + np.arange(len(times))
         heads["log"] = heads["publish"] = times
         counts = np.bincount(channels)
         self._counts.update(
