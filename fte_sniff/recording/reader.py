@@ -76,7 +76,7 @@ from fte_sniff.recording.skeletons import (
 
 SUFFIX: Final = ".mcap"
 BATCH: Final = 1024 * 1024
-"""Unpacked bytes of one batch, at least: enough rows for numpy."""
+"""Unpacked bytes of one batch, at most; a larger chunk is one: it is not copied."""
 _MOST_AHEAD: Final = 64 * 1024 * 1024
 """Unpacked bytes that wait to be decoded, at most, beside one batch."""
 _LATEST: Final = 2**63 - 1
@@ -498,12 +498,13 @@ def _size_of(one: ChunkRef | LostBytes) -> int:
 
 def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
-    group = list[ChunkRef | LostBytes]()
+    group, size = list[ChunkRef | LostBytes](), 0
     for chunk in chunks:
-        group.append(chunk)
-        if sum(map(_size_of, group)) >= BATCH:
+        size += _size_of(chunk)
+        if group and size > BATCH:
             yield group
-            group = []
+            group, size = [], _size_of(chunk)
+        group.append(chunk)
     if group:
         yield group
 

@@ -17,7 +17,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import Chunk, Message
 from mcap.writer import Writer
+from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.columns import iso_time
@@ -27,7 +29,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.recording.repair import Repair
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.writer import RecordingWriter, bytes_of
 from tests.examples import examples
 from tests.recording.conftest import unprivileged
 from tests.recording.samples import (
@@ -331,6 +333,24 @@ def test_bytes_behind_the_end_are_reported(way: str, tmp_path: Path) -> None:
     assert found.reports == [
         f"bytes {end} to {end + 4} could not be read: they are behind the end of the recording"
     ]
+
+
+def test_a_large_message_is_in_memory_once(tmp_path: Path) -> None:
+    one, size = recorded("under way"), 32 << 20
+    message = Message(channel_id=1, log_time=0, data=bytes(size), publish_time=0, sequence=0)
+    records = bytes_of(message)
+    packed = zstandard.ZstdCompressor().compress(records)
+    chunk = bytes_of(Chunk("zstd", packed, 0, 0, crc32(records), len(records)))
+    end = heads_of(one.content, Opcode.DATA_END)[0]
+    (path := tmp_path / "x.mcap").write_bytes(one.content[:end] + chunk + one.content[end:])
+    tracemalloc.start()
+    try:
+        found = found_in(path)
+        assert tracemalloc.get_traced_memory()[1] < 1.5 * size
+    finally:
+        tracemalloc.stop()
+    assert found.rows == one.rows
+    assert found.reports == ["1 messages could not be read"]
 
 
 def test_many_losses_are_summed_up(tmp_path: Path) -> None:
