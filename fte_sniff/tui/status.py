@@ -89,6 +89,7 @@ def recording_text(state: FeedState, elapsed_s: float, *, short: bool = False) -
 def title_text(state: FeedState, badge: str, width: int, elapsed_s: float = 0) -> Text:
     """Names, recording with its path, and mode in `width` cells; the path is cut first."""
     recording = recording_text(state, elapsed_s, short=width < WIDE)
+    recording.truncate(max(0, width - cell_len(badge)))
     left = max(0, width - cell_len(badge) - recording.cell_len)
     path = f" {printable(state.recording)}" if state.recording is not None else ""
     names = f" {printable(state.title)}  "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
 
@@ -254,6 +255,18 @@ def test_changed_bytes_are_off_at_the_start_and_shown_by_d(feed: ListFeed) -> No
         assert has_changed()
 
     play(feed, scenario)
+
+
+def test_the_least_window_has_the_mode(feed: ListFeed) -> None:
+    feed.give(speed_rows(5))
+    feed.state = replace(feed.state, recording=None)
+
+    async def scenario(app: SniffApp) -> None:
+        assert lines(app)[0].endswith(" LIVE")
+        await press(app, "g")
+        assert lines(app)[0].endswith(" SCROLLED +2")
+
+    play(feed, scenario, (20, 5))
 
 
 def test_random_sizes_leave_the_cursor_in_the_window(feed: ListFeed) -> None:
