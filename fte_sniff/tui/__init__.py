@@ -28,7 +28,7 @@ Modules:
     notes       Marks and notes on rows.
     options     How the screen begins.
     pages       The pane, and what its pages have in common.
-    painter     Rows as styled lines, and signs in the scroll bar.
+    painter     Rows as styled lines.
     parts       What the parts that answer keys share.
     search      A search: a filter whose rows are gone to.
     shown       The rows that are shown, and the events between them.

@@ -113,7 +113,7 @@ class ListPage(Page, Generic[Listed]):
 
 def text_of(*parts: RenderableType, width: int) -> Text:
     """Tables and texts, wrapped to some cells."""
-    console = Console(width=width)
+    console = Console(width=width, markup=False, emoji=False, highlight=False)
     segments = console.render(Group(*parts), console.options)
     text = Text.assemble(*((one.text, one.style or "") for one in segments))
     text.right_crop(1)  # the end of the last line

@@ -9,6 +9,7 @@ import pytest
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
+from fte_sniff.tui.pages import text_of
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
@@ -173,6 +174,10 @@ def test_detail_explains_damage_and_shows_the_bytes_around(feed: ListFeed) -> No
         assert app.table.field == 1
 
     play(feed, scenario, (100, 50))
+
+
+def test_a_page_shows_texts_as_they_are() -> None:
+    assert text_of("[b]x[/b] :smile:", width=40).plain == "[b]x[/b] :smile:"
 
 
 def test_curves_have_a_scale_and_an_axis(feed: ListFeed) -> None:
