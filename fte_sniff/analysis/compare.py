@@ -28,7 +28,7 @@ from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
 from fte_sniff.analysis.events import Events, Windows
 from fte_sniff.analysis.findings import Cause, find, hidden_text, of_most_motors
 from fte_sniff.analysis.segments import Analysis, Counts, summed
-from fte_sniff.analysis.spans import divergence
+from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.i18n import later
@@ -37,6 +37,9 @@ from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, Direction, Faul
 
 BLOCK: Final = 34
 """A block has 2 to this power of nanoseconds, about 17 s."""
+
+PERIODS: Final = 32
+"""As `BLOCK`, of the windows in which periods are counted: about 4 s."""
 
 PARTS: Final = 8
 """Parts of a side, between which times vary; a side needs half of them with enough values."""
@@ -110,13 +113,13 @@ MEASURES: Final = (*_TIMES, *_SHARES, "values", "findings")
 
 
 def counted(table: Table) -> Counts:
-    """The counts of a table: those of `events`, and the periods by port, kind, motor and block."""
+    """The counts of a table: those of `events`, and the periods by port, kind, motor and window."""
     ports = pl.Series(table.rows.ports, dtype=pl.String)
     own = table.frame.drop_nulls(["kind", "t_ns"])
     periods = own["period_ns"].fill_null(0).to_numpy()
     found = own.group_by(
         *("port", "kind", MOTOR),
-        window=pl.col("t_ns") // (1 << BLOCK) * (1 << BLOCK - events.SHIFT),
+        window=pl.col("t_ns") // (1 << PERIODS) * (1 << PERIODS - events.SHIFT),
         bin=pl.Series(np.where(periods > 0, bins_of(periods, COARSE), _NO_PERIOD), dtype=pl.Int64),
     ).agg(pl.len().cast(pl.Int64).alias("sum count"))
     return {
@@ -243,8 +246,7 @@ class _Histogram:
     def of(cls, counts: pl.DataFrame) -> _Histogram:
         """Those of counts with `window`, `bin` and `sum count`."""
         counts = counts.filter(pl.col("bin") != _NO_PERIOD)
-        blocks = counts["window"].to_numpy() >> (BLOCK - events.SHIFT)
-        present, at = np.unique(blocks, return_inverse=True)
+        present, at = np.unique(counts["window"].to_numpy(), return_inverse=True)
         bins, of_bin = np.unique(counts["bin"].to_numpy(), return_inverse=True)
         parts = np.zeros((PARTS, len(bins)), np.int64)
         part = at * PARTS // max(1, len(present))
@@ -284,7 +286,8 @@ class _Of(NamedTuple):
 
 
 def _is_enough(sides: Sequence[_Histogram]) -> bool:
-    return all(int(one.whole.sum()) >= LEAST_VALUES * PARTS // 2 for one in sides)
+    """Whether half of the parts of both sides have enough values."""
+    return all((one.parts.sum(axis=1) >= LEAST_VALUES).sum() >= PARTS // 2 for one in sides)
 
 
 def _times(
@@ -295,8 +298,6 @@ def _times(
     for measure in measures:
         time = _TIMES[measure]
         (before, first), (after, second) = (side.each(time.share) for side in sides)
-        if min(len(first), len(second)) < PARTS // 2:
-            return
         spread = max(max(one) - min(one) for one in (first, second))
         least = max(spread, time.least_ns, time.least_ratio * min(before, after))
         is_other = abs(after - before) > least and not follows
@@ -323,10 +324,10 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
     for kind, motor in sorted(keys[0] & keys[1], key=str):
         what, of = _whose(kind, motor), _Of(ports[0], motor, KINDS[kind].name)
         whole = [_Histogram.of(chosen(one, **{"kind": kind, MOTOR: motor})) for one in own]
-        if not _is_enough(whole):
+        active = [one.only(one.middles <= PAUSE * one.median) for one in whole if len(one.whole)]
+        if len(active) < len(whole) or not _is_enough(active):
             few.append(what)
             continue
-        active = [one.only(one.middles <= PAUSE * one.median) for one in whole]
         yield from _times(active, ("period", "rate", "period_p99", "jitter"), what, of)
         if KINDS[kind].direction is Direction.FEEDBACK:
             least_ns = max(5e8, *(5 * one.median for one in active))
@@ -341,6 +342,7 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
 
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
+    few = list[str]()
     for motor in MOTORS:
         what = TranslatableText("to motor {motor}", motor=motor)
         windows = [side.events.windows for side in sides]
@@ -357,9 +359,13 @@ def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
                 _Histogram.of(chosen(side.counts["delays"], motor=motor, kind=code))
                 for side in sides
             ]
+            of = _Of("", motor, kind.name)
             if all(asked) and _is_enough(delays):
-                of = _Of("", motor, kind.name)
                 yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
+            elif all(asked) and all(len(one.whole) for one in delays):
+                few.append(_whose(code, motor))
+    if few:
+        missing.append(TranslatableText("answers to {kinds}: too few", kinds=listed(few)))
 
 
 def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:
@@ -406,18 +412,11 @@ def _share(measure: str, sides: Sequence[_Pair], what: str, of: _Of) -> Number:
     difference = abs(after - before)
     is_large = difference >= _LEAST_SHARE and max(shares) >= _LEAST_RATIO * min(shares)
     error = max(sum(variances) ** 0.5, 1e-12)
-    is_sure = _surprise(counts) >= LEAST_SCORE and difference >= SIGMAS * error
+    is_sure = surprise(*counts) >= LEAST_SCORE and difference >= SIGMAS * error
     texts = {"before": f"{100 * before:.2g}", "after": f"{100 * after:.2g}"}
     text = TranslatableText(_SHARES[measure], what=what, **texts)
     score = abs(log2((after + 0.001) / (before + 0.001))) if is_large and is_sure else 0.0
     return Number(measure, *of, before, after, text, score)
-
-
-def _surprise(counts: Sequence[tuple[int, int]]) -> float:
-    """Minus the logarithm of the bound on the probability of the events being so divided."""
-    (first, rows), (second, other_rows) = counts
-    total, expected = first + second, other_rows / max(1, rows + other_rows)
-    return total * divergence(second / total, expected) if total and 0 < expected < 1 else 0.0
 
 
 def _of_values(sides: _Sides) -> Iterator[Number]:

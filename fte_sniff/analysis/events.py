@@ -12,7 +12,7 @@ is known only then, so the delays of answers are kept by bin.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -30,6 +30,7 @@ from fte_sniff.analysis.relations import (
     values_at,
 )
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed, width_of
+from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
@@ -47,11 +48,20 @@ from fte_sniff.protocol.spec import (
 SHIFT: Final = 30
 """The shortest window has 2 to this power of nanoseconds, about a second."""
 
+LEAST_SCORE: Final = 10.0
+"""Minus the logarithm of the probability of a difference by chance, from which on it is none."""
+
 RUNNING: Final = 3
 """Frames in a row with a flag from which on it is not a flipped bit."""
 
 IRREGULAR: Final = 0.5
 """Octaves by which a period differs from the one before it, from which on it is irregular."""
+
+LATE_SHARE: Final = 0.05
+"""Share of a motor's answers that are late, from which on it is late."""
+
+LATE_RATIO: Final = 3.0
+"""How much larger this share is at least than before, or than that of each other motor."""
 
 _LEAST_JUMP: Final = 64
 NO_TIMES: Final[Ints] = np.zeros(0, np.int64)
@@ -110,6 +120,21 @@ def irregular(t_ns: Ints, runs: Ints) -> Bools:
     changes = np.abs(np.log2(periods[1:] / periods[:-1])) >= IRREGULAR
     changes &= runs[2:] == runs[:-2]
     return np.concatenate(([False, False], changes))[: len(t_ns)]
+
+
+def is_late(own: tuple[int, int], others: Sequence[tuple[int, int]]) -> bool:
+    """Whether the late ones among the answers of a motor are more than usual, and than chance.
+
+    Args:
+        own: late answers, and answers.
+        others: those of earlier times, or of other motors; any of them that has less decides.
+    """
+    late, answers = own
+    return any(
+        late > max(LATE_SHARE, LATE_RATIO * events / max(1, rows)) * answers
+        and surprise((events, rows), own) >= LEAST_SCORE
+        for events, rows in others
+    )
 
 
 # Counting

@@ -26,11 +26,20 @@ from fte_sniff.analysis.events import (
     Windows,
     by_role,
     counted,
+    is_late,
 )
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import DEADLINE_NS, LATE, is_off_target
 from fte_sniff.analysis.segments import Counts, summed
-from fte_sniff.analysis.spans import ALPHA, MOST_SPANS, SERIES, BadSpan, divergence, spans_of
+from fte_sniff.analysis.spans import (
+    ALPHA,
+    MOST_SPANS,
+    SERIES,
+    BadSpan,
+    divergence,
+    spans_of,
+    surprise,
+)
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.i18n import later
@@ -159,7 +168,8 @@ _MOST: Final = 0.8
 _LEAST_EVENTS: Final = 20
 
 _CHANCE: Final = 0.001
-"""Share of rows that bear an event by chance, where one event alone says nothing."""
+"""Share of windows with a sure event by chance: a second of a flag is less than a minute of lost
+answers."""
 
 
 class _Seen(NamedTuple):
@@ -215,7 +225,7 @@ def _sure_spans(series: _Series, test: _Test) -> Iterator[BadSpan]:
     for own in np.split(hits, cuts) if len(hits) else ():
         events = int(counted.events[own].sum())
         if events >= (series.sure or test.sure):
-            yield BadSpan(-events * log(_CHANCE), int(own[0]), int(own[-1]))
+            yield BadSpan(log(events) - len(own) * log(_CHANCE), int(own[0]), int(own[-1]))
 
 
 def _examined(events: Events, series: _Series, alpha: float) -> Iterator[Finding]:
@@ -399,6 +409,7 @@ def _all_of(events: Events, alpha: float) -> Iterator[Finding]:
         yield from _examined(events, series, alpha)
     for motor in MOTORS:
         yield from _slower(events, motor)
+        yield from _more_late(events, motor)
         yield from _more_damaged(events, motor)
 
 
@@ -575,6 +586,41 @@ def _slower(events: Events, motor: int) -> Iterator[Finding]:
             values={"own": f"{own / 1e6:.2g}", "others": f"{others / 1e6:.2g}"},
         )
         yield _finding(events, series, slice(None), 0.0, float(counted.events.sum()))
+
+
+def _more_late(events: Events, motor: int) -> Iterator[Finding]:
+    """A motor with more late answers than each other one."""
+    windows = events.windows
+    for kind in KINDS:
+        late, answers = (
+            {one: windows.total(f"{word} {one} {kind.name}") for one in MOTORS}
+            for word in ("late", "timed")
+        )
+        others = {one: late[one] / answers[one] for one in MOTORS if one != motor and answers[one]}
+        most = max(others, key=lambda one: others[one], default=motor)
+        if not is_late((late[motor], answers[motor]), [(late[most], answers[most])]):
+            continue
+        limit = f"{LATE * events.usual[motor, kind.name] / 1e6:.3g}"
+        counted = windows[f"late {motor} {kind.name}"]
+        series = _Series(
+            *(Cause.UNLIKE_OTHERS, counted, windows[f"timed {motor} {kind.name}"].events),
+            later(
+                "{own} % of the answers of motor {motor} to {kind} took {limit} ms or longer, twice"
+                " the median, of the other motors at most {others} %"
+            ),
+            f"answer_ms >= {limit} AND kind = '{kind.name}' AND {MOTOR} = {motor}",
+            motor,
+            kind.name,
+            values={
+                "own": f"{100 * late[motor] / answers[motor]:.2g}",
+                "others": f"{100 * others[most]:.2g}",
+                "limit": limit,
+            },
+        )
+        # By window, as the scores of spans.
+        score = np.count_nonzero(counted.events) / late[motor]
+        score *= surprise((late[most], answers[most]), (late[motor], answers[motor]))
+        yield _finding(events, series, slice(None), others[most], score)
 
 
 def _more_damaged(events: Events, motor: int) -> Iterator[Finding]:

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
+from fte_sniff.analysis.events import is_late
 from fte_sniff.analysis.relations import (
     ANSWERABLE,
     COMMANDS,
@@ -48,9 +49,6 @@ SETTLING_NS: Final = 3_000_000_000
 
 TROUBLED: Final = 0.02
 """Share of a motor's commands without an answer, or of its rows that are damaged, at most."""
-
-LATE_SHARE: Final = 0.05
-"""Share of a motor's answers that are late at most; and at most three times that of before."""
 
 
 class Trouble(Enum):
@@ -124,9 +122,7 @@ def motors_at(rows: Rows, runs: Runs) -> list[MotorState]:
     found = found.with_columns(
         recent=pl.Series(is_recent[found["command"].to_numpy()], dtype=pl.Boolean)
     )
-    return [
-        _state(rows, found.filter(pl.col("motor") == motor), motor, is_recent) for motor in MOTORS
-    ]
+    return [_state(rows, found, motor, is_recent) for motor in MOTORS]
 
 
 def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> MotorState:
@@ -136,7 +132,7 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
     feedback = anyone[own[anyone]]
     online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone[-1:]) >> motor_bit(motor) & 1
     errors = values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback[-1:]).tolist()
-    recent = found.filter("recent")
+    recent = found.filter(pl.col("motor") == motor, "recent")
     states, delays = recent["state"], recent["delay_ns"]
     state = MotorState(
         motor=motor,
@@ -160,14 +156,24 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
     )
     received = np.count_nonzero(is_recent[feedback])
     off = _is_off_target(rows, commands, feedback, now_ns)
-    return _judged(state, int(received), found.filter(~pl.col("recent"))["late"], off=off)
+    return _judged(state, int(received), late=_is_late(found, motor), off=off)
 
 
-def _judged(state: MotorState, received: int, late_before: pl.Series, *, off: bool) -> MotorState:
+def _is_late(found: pl.DataFrame, motor: int) -> bool:
+    """Whether more answers of the last 10 s are late than before, or than those of each other."""
+    counts = (
+        found.drop_nulls("late").group_by("motor", "recent").agg(pl.col("late").sum(), n=pl.len())
+    )
+    own = {(of, recent): (late, n) for of, recent, late, n in counts.iter_rows()}
+    now, before = own.get((motor, True), (0, 0)), own.get((motor, False))
+    others = [value for (of, recent), value in own.items() if recent and of != motor]
+    most = max(others, key=lambda one: one[0] / one[1], default=None)
+    return is_late(now, [one for one in (before, most) if one is not None])
+
+
+def _judged(state: MotorState, received: int, *, late: bool, off: bool) -> MotorState:
     """The state with its trouble; `received` are the frames from the motor in the last 10 s."""
-
     asked = state.answered + state.unanswered
-    usually_late = 3 * int(late_before.sum()) / max(1, late_before.count())
     troubles = {
         Trouble.UNKNOWN: not asked and not received,
         Trouble.SILENT: state.unanswered > 0 and not received,
@@ -175,7 +181,7 @@ def _judged(state: MotorState, received: int, late_before: pl.Series, *, off: bo
         Trouble.ERROR: bool(state.errors),
         Trouble.UNANSWERED: state.unanswered > TROUBLED * asked,
         Trouble.DAMAGE: state.damaged > TROUBLED * (received + asked),
-        Trouble.LATE: state.late > max(LATE_SHARE, usually_late) * state.answered,
+        Trouble.LATE: late,
         Trouble.OFF_TARGET: off,
     }
     trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)

@@ -51,6 +51,16 @@ def divergence(share: float, expected: float) -> float:
     return inside + ((1 - share) * log((1 - share) / (1 - expected)) if share < 1 else 0.0)
 
 
+def surprise(first: tuple[int, int], second: tuple[int, int]) -> float:
+    """Minus the logarithm of the bound on the probability of events being so divided by chance.
+
+    Each is events and rows; 0 without either.
+    """
+    total, rows = first[0] + second[0], first[1] + second[1]
+    expected = second[1] / max(1, rows)
+    return total * divergence(second[0] / total, expected) if total and 0 < expected < 1 else 0.0
+
+
 def _shortest(hits: Ints, windows: int, count: int) -> BadSpan:
     """The shortest span of a number of bad windows; `hits` are all of them."""
     widths = hits[count - 1 :] - hits[: len(hits) - count + 1] + 1

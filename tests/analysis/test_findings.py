@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -288,6 +289,36 @@ def test_motor_that_is_slower_all_the_time_is_unlike_the_others() -> None:
     assert (found.cause, found.motor, found.kind) == (Cause.UNLIKE_OTHERS, 2, "speed")
     assert found.text == "motor 2 answers speed after 6.6 ms (median), the others after 3 ms"
     assert found.filter == "answer_ms >= 6 AND kind = 'speed' AND motor = 2"
+
+
+def test_motor_with_late_answers_all_the_time_is_unlike_the_others() -> None:
+    rows = [row for item in slower(2, 3) if isinstance(item, Rows) for row in item]
+    rng = np.random.default_rng(4)
+    late = [
+        replace(row, t_ns=(row.t_ns or 0) + 12 * some.MS)
+        if row.raw[0] == 0x55 and row.raw[2] == 2 and rng.random() < 0.15
+        else row
+        for row in rows
+    ]
+    (found,) = report(Rows.of(sorted(late, key=lambda row: row.t_ns or 0))).found
+    assert (found.cause, found.motor) == (Cause.UNLIKE_OTHERS, 2)
+    assert "took 6 ms or longer, twice the median, of the other motors at most 0 %" in found.text
+
+
+def test_minute_of_lost_answers_is_before_a_second_of_a_flag() -> None:
+    lost: list[Row | Item] = []
+    for row in some.polled(6000):
+        t_s = ((row.t_ns or 0) - some.START) / some.SECOND
+        if row.raw[0] == 0x55 and row.raw[2] == 3 and 100 < t_s < 137 and row.raw[5] % 2 == 0:
+            continue
+        is_off = row.raw[0] == 0x55 and 200 < t_s < 201
+        raw = row.raw[:8] + b"\x07" + row.raw[9:]
+        lost.append(replace(row, raw=raw) if is_off else row)
+    found = report(*some.items_of(lost)).found
+    assert [(one.cause, one.motor) for one in found][:2] == [
+        (Cause.SILENCE, 3),
+        (Cause.OFFLINE, 4),
+    ]
 
 
 def test_motor_with_more_damage_all_the_time_is_unlike_the_others() -> None:

@@ -72,6 +72,13 @@ def test_late_motor_is_named() -> None:
     assert [one.text for one in states(rows)] == ["ok", "late", "ok", "ok"]
 
 
+def test_two_late_answers_by_chance_are_not_a_late_motor() -> None:
+    rows = polled(30)
+    for at in (11, 171):
+        rows[at] = Row("a", 0, rows[at].raw, (rows[at].t_ns or 0) + 6_000_000)
+    assert [one.text for one in states(sorted(rows, key=lambda row: row.t_ns or 0))] == ["ok"] * 4
+
+
 def test_slow_adapter_is_not_late() -> None:
     """Delays of a perfect controller behind an adapter that collects 16 ms of bytes."""
     rows, rng = list[Row](), np.random.default_rng(1)

@@ -251,6 +251,15 @@ def test_a_pattern_takes_special_characters_as_they_are(special: str) -> None:
         assert RowFilter.parse(text).matches(Rows.of(rows)).tolist() == [True, False, False]
 
 
+@pytest.mark.parametrize("pattern", ["(A+)+$", "^(([0-9A-F])+)+Z$", "(.*)*(.*)*Z", "(A|A)*Z"])
+def test_pattern_that_would_backtrack_for_ever_is_computed(pattern: str) -> None:
+    rows = Rows.of([Row("A" * 4000, 0, b"\xaa" * 16, None, (Fault.NOISE,), framed=False)])
+    for field in ("raw", "port"):
+        assert RowFilter.parse(f"{field} ~ '{pattern}'").matches(rows).tolist() == [
+            "Z" not in pattern
+        ]
+
+
 @pytest.mark.parametrize("text", ["motor = 1", "TRUE", "noise"])
 def test_no_rows_give_no_rows(text: str) -> None:
     assert RowFilter.parse(text).matches(NO_ROWS).tolist() == []
