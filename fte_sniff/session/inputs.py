@@ -21,7 +21,7 @@ from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
@@ -423,29 +423,22 @@ def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Sequence[I
     """
     if pair:
         return [inputs]
-    chains: dict[int, list[Input]] = {}
+    chains = list[list[Input]]()
     by_next: dict[Part, list[Input]] = {}
     for one in sorted(inputs, key=lambda one: one.part.number if one.part else 0):
-        chain = by_next.pop(one.part, None) if one.part else None
-        if chain is None:
-            chain = chains[id(one)] = []
+        if one.part is None or (chain := by_next.pop(one.part, None)) is None:
+            chains.append(chain := [])
         chain.append(one)
         if one.part:
             by_next[one.part.next] = chain
-    order = {id(one): place for place, one in enumerate(inputs)}
-    return [chains[key] for key in sorted(chains, key=lambda key: order[key])]
+    return sorted(chains, key=lambda chain: inputs.index(chain[0]))
 
 
 # The reading of several inputs
 
 
-class ReadingCounts(NamedTuple):
-    """What is known about inputs that were read elsewhere."""
-
-    tally: Tally
-    notes: Sequence[str]
-    reported_gaps: Sequence[Gap]
-    unreadable: Sequence[FileError]
+ReadingCounts: TypeAlias = tuple[Tally, list[str], list[Gap], list[FileError]]
+"""The rows, notes, reported gaps and unreadable inputs of a reading."""
 
 
 class InputReading:
@@ -535,15 +528,16 @@ class InputReading:
     @property
     def counts(self) -> ReadingCounts:
         """What is known so far about its inputs."""
-        return ReadingCounts(self.tally, self.notes, self.reported_gaps, self.unreadable)
+        return self.tally, self.notes, self.reported_gaps, self.unreadable
 
     def include(self, counts: ReadingCounts) -> None:
         """Add inputs that were read elsewhere."""
-        self.tally.merge(counts.tally)
-        self.progress.rows += counts.tally.rows
-        self.notes += counts.notes
-        self.reported_gaps += counts.reported_gaps
-        self.unreadable += counts.unreadable
+        tally, notes, gaps, unreadable = counts
+        self.tally.merge(tally)
+        self.progress.rows += tally.rows
+        self.notes += notes
+        self.reported_gaps += gaps
+        self.unreadable += unreadable
 
     def streams(self) -> Iterator[Iterator[Item]]:
         """The items of each group of inputs, to be read one after the other."""

@@ -70,7 +70,8 @@ class ReplaySession:
         self._following, self._expected_rows, self._files = following, total, files
         self._source, self._title = items, title
         self._stop, self._resumed = threading.Event(), threading.Event()
-        self._losses: list[str] = []
+        self._damage: str | None = None
+        """The first damage; the end reports all."""
         self._rows, self._running, self._is_live = 0, True, False
         self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
         threading.Thread(target=self._run, name="reads the file", daemon=True).start()
@@ -91,7 +92,8 @@ class ReplaySession:
             reads.append(item)
             self._rows += len(item) if isinstance(item, Rows) else 0
             if isinstance(item, Gap) and item.kind is GapKind.DAMAGE:
-                self._losses.append(item.reason)
+                own = TranslatableText("the file is damaged: {loss}", loss=item.reason)
+                self._damage = self._damage or own
         self._is_live |= (
             self._following is not None and self._following.is_up_to_date and self._queue.empty()
         )
@@ -114,7 +116,7 @@ class ReplaySession:
             title=self._title if following is None else following.name,
             running=self._running,
             ended=ended,
-            trouble=_damaged(self._losses),
+            trouble=self._damage,
             live=self._is_live,
             follows=following is not None,
             rows=self._rows,
@@ -139,19 +141,6 @@ class ReplaySession:
                 self._queue.put(item, timeout=0.1)
                 return True
         return False
-
-
-def _damaged(losses: Sequence[str]) -> str | None:
-    """The first loss and the number of further ones; None without any."""
-    if not losses:
-        return None
-    if len(losses) == 1:
-        return TranslatableText("the file is damaged: {loss}", loss=losses[0])
-    return TranslatableText(
-        "the file is damaged: {loss}; {count:,} more are reported at the end",
-        loss=losses[0],
-        count=len(losses) - 1,
-    )
 
 
 def played(
