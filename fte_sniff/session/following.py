@@ -61,6 +61,8 @@ class Follower:
         """Whether locks work: one was seen."""
         self._open_ports = set[str]()
         """The ports that were opened, and neither closed nor lost."""
+        self._gaps = list[Gap]()
+        """The gaps that were reported; each file reports those of the files before it, too."""
         self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
         self._begin(reader)
@@ -68,7 +70,7 @@ class Follower:
     def _begin(self, reader: Recording) -> None:
         self.reader = reader
         self._seen, self._rows = 0, 0
-        self._gaps, self._troubles = list[Gap](), Counter[PortEventKind]()
+        self._troubles = Counter[PortEventKind]()
         self._changed_s = time.monotonic()
         self._named_s: float | None = None
         """When the file named the next one."""

@@ -172,6 +172,31 @@ def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_
     assert len(list(tmp_path.iterdir())) == 3 or len(list(tmp_path.iterdir())) == 4
 
 
+def test_a_gap_that_several_files_of_a_capture_report_is_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fte_sniff.recording.recorder.RETRY_S", 0.0)
+    options = RecordingOptions(rotate_s=15)
+    recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")], options=options)
+    rows = rows_at("a", *range(SECOND, 61 * SECOND, SECOND))
+    for start in range(0, 60, 10):
+        if start == 10:
+            recorder.path.unlink()
+        recorder.write(rows[start : start + 10])
+        recorder.flush()
+    recorder.close()
+    files = sorted(tmp_path.iterdir())
+    (gap,) = Recording(files[0]).gaps()
+    assert [Recording(path).gaps() for path in files] == [[gap]] * len(files)
+    assert len(files) > 1
+    reading = InputReading([recording_input(Recording(path)) for path in files])
+    assert [item for item in reading if isinstance(item, Gap) and item.rows] == [gap]
+    follower, found = Follower(Recording(files[0], is_growing=True)), list[Item]()
+    while sum(len(one) for one in found if isinstance(one, Rows)) < 50:
+        found += follower.poll()
+    assert [item for item in found if isinstance(item, Gap)] == [gap]
+
+
 def test_an_error_of_the_disk_between_flushes_stops_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
