@@ -32,7 +32,6 @@ from fte_sniff.cli.input_files import (
 )
 from fte_sniff.cli.live_data import Datagrams, data_options, local
 from fte_sniff.cli.options import (
-    Seconds,
     alert_of,
     alert_option,
     all_of,
@@ -41,6 +40,7 @@ from fte_sniff.cli.options import (
     format_option,
     in_group,
     parse_seconds,
+    seconds_from,
     silence_of,
 )
 from fte_sniff.cli.settings import Settings
@@ -70,7 +70,6 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_DURATION = Seconds(min=0, min_open=True)
 _SIZE = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*(?:([kmgt]?)b)?", re.IGNORECASE)
 _MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
@@ -152,7 +151,7 @@ capture_options = all_of(
         alert_option,
         click.option(
             "--silence",
-            type=Seconds(min=0.1, max=86_400),
+            type=seconds_from(0.1, 86_400),
             metavar="S",
             help="Report a wire that was alive and sends nothing for S seconds.  [default: 2]",
         ),
@@ -161,7 +160,10 @@ capture_options = all_of(
     in_group(
         "End",
         click.option(
-            "--duration", type=_DURATION, metavar="S", help="End after S seconds, or 5min, or 1h."
+            "--duration",
+            type=seconds_from(1e-9),
+            metavar="S",
+            help="End after S seconds, or 5min, or 1h.",
         ),
         click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N rows."),
     ),

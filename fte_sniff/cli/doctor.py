@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.completion import complete_port
-from fte_sniff.cli.options import Seconds, list_format_option
+from fte_sniff.cli.options import list_format_option, seconds_from
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import DEFAULT_BAUD
@@ -28,8 +28,8 @@ EXIT_WRONG = 1
 @click.option(
     "--duration",
     "seconds",
-    type=Seconds(min=0.1, max=3600),
-    default=3.0,
+    type=seconds_from(0.1, 3600),
+    default="3s",
     show_default=True,
     help="Listen for this long at most.",
 )

@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
-from datetime import UTC, tzinfo
+from datetime import UTC, date, tzinfo
 from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
 from pathlib import Path
@@ -238,6 +238,17 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
 # The inputs
 
 
+def _pattern_of(text: str) -> re.Pattern[str]:
+    """The expression of `--input-regex`; raises InputTextError if it has no group `data`."""
+    try:
+        pattern = re.compile(text)
+    except re.error as error:
+        raise InputTextError(f"--input-regex: {quoted(text)}: {error}") from None
+    if "data" not in pattern.groupindex:
+        raise InputTextError("--input-regex: needs a group for the bytes, (?P<data>...)")
+    return pattern
+
+
 _READING = in_group(
     "Logs of other programs",
     click.option(
@@ -258,6 +269,7 @@ _READING = in_group(
     click.option(
         "--date",
         "day",
+        type=day_of,
         metavar="DATE",
         help="For logs with only a time of day, or dates such as 2/8/2026: the date of the first,"
         " such as 2026-01-31.  [default: that of the file]",
@@ -271,6 +283,7 @@ _READING = in_group(
     click.option(
         "--input-regex",
         "pattern",
+        type=_pattern_of,
         metavar="REGEX",
         help="For a log that is not recognised: a regular expression of its lines, with the groups"
         " (?P<data>...) and perhaps (?P<time>...) and (?P<dir>...).",
@@ -373,13 +386,13 @@ class InputQuery:
     """What they contain; None to decide by name or content."""
     topics: tuple[str, ...] = ()
     """For MCAP files, the topics with serial bytes; none for recordings."""
-    day: str | None = None
+    day: date | None = None
     """For hex logs, the date of the first time."""
     zone: str | None = None
     """The zone of times in text, and of times that name none; None for UTC."""
     start: str | None = None
     """When the seconds of a log, or its bytes, began."""
-    pattern: str | None = None
+    pattern: re.Pattern[str] | None = None
     baud: int | None = None
     """Bits per second of every line; None for that of the recordings, else the default."""
     filter_text: str | None = None
@@ -399,23 +412,15 @@ class InputQuery:
         """The options of a log; raises InputTextError if one is invalid."""
         from fte_sniff.formats.log_times import LogOptions
 
-        day = None if self.day is None else day_of(self.day)
-        pattern = None if self.pattern is None else _pattern_of(self.pattern)
-        given = (day, self.zone_given(), self.start_ns(), pattern)
+        given = (self.day, self.zone_given(), self.start_ns(), self.pattern)
         return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
-
-    def _check_log_options(self) -> None:
-        """Raise InputTextError if a given option is invalid, even if no log is read."""
-        given = self.day, self.zone, self.start, self.pattern
-        if any(one is not None for one in given):
-            self.log_options()
 
     def start_ns(self) -> int | None:
         """The time of `--start`, nanoseconds since 1970 UTC, or None; raises InputTextError."""
-        from fte_sniff.formats.log_times import END_NS
-
         if self.start is None:
             return None
+        from fte_sniff.formats.log_times import END_NS
+
         t_ns = time_ns(self.start.strip(), self.zone_given() or UTC)
         if t_ns is None or not 0 <= t_ns < END_NS:
             raise InputTextError(
@@ -434,7 +439,7 @@ class InputQuery:
         for name, option in _READING_OPTIONS.items():
             given = getattr(self, name)
             for value in given if isinstance(given, tuple) else (given,):
-                words += [] if value is None else [option, str(value)]
+                words += [] if value is None else [option, str(getattr(value, "pattern", value))]
         if span_ns is not None:
             # Whole seconds around the span are shorter, and show what was before.
             first, last = span_ns[0] // SECOND_NS, span_ns[1] // SECOND_NS + 1
@@ -473,7 +478,7 @@ class InputQuery:
             InputTextError: a time, date or zone is invalid.
         """
 
-        self._check_log_options()
+        self.start_ns()  # refused even if no log is read
         inputs, unreadable = list[Input](), list[FileError]()
         for path in self.paths():
             try:
@@ -512,17 +517,6 @@ class InputQuery:
         if self.kind not in (None, InputKind.MCAP):
             raise UsageError("--follow reads recordings only; leave --input out")
         return path
-
-
-def _pattern_of(text: str) -> re.Pattern[str]:
-    """The expression of `--input-regex`; raises InputTextError if it has no group `data`."""
-    try:
-        pattern = re.compile(text)
-    except re.error as error:
-        raise InputTextError(f"--input-regex: {quoted(text)}: {error}") from None
-    if "data" not in pattern.groupindex:
-        raise InputTextError("--input-regex: needs a group for the bytes, (?P<data>...)")
-    return pattern
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from datetime import tzinfo
 from functools import partial, reduce
-from math import inf, isnan
+from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -201,19 +201,17 @@ def parse_seconds(text: str) -> float | None:
         return inf
 
 
-class Seconds(click.FloatRange):
-    """A duration: seconds, or a number with a unit; infinity is allowed, NaN is not."""
+def seconds_from(low: float, high: float = inf) -> Callable[[str], float]:
+    """The type of an option: seconds, or a number with a unit, from `low` to `high`."""
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """The seconds; fails for other texts and out of range."""
-        parsed = parse_seconds(value) if isinstance(value, str) else None
+    def convert(text: str) -> float:
+        parsed = parse_seconds(text)
         try:
-            seconds = float(value if parsed is None else parsed)
+            found = float(text) if parsed is None else parsed
         except ValueError:
-            self.fail(f"{value!r} is not {DURATION_EXAMPLE}.", param, ctx)
-        seconds = float(super().convert(seconds, param, ctx))
-        if isnan(seconds):
-            self.fail(f"{value!r} is not a number of seconds.", param, ctx)
-        return seconds
+            raise click.BadParameter(f"{text!r} is not {DURATION_EXAMPLE}.") from None
+        if not low <= found <= high:
+            raise click.BadParameter(f"{text} is not {low:g} s or more, up to {high:g}.")
+        return found
+
+    return convert
