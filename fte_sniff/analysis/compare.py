@@ -301,7 +301,8 @@ def _times(
         spread = max(max(one) - min(one) for one in (first, second))
         least = max(spread, time.least_ns, time.least_ratio * min(before, after))
         is_other = abs(after - before) > least and not follows
-        score = abs(log2(max(after, 1) / max(before, 1))) if is_other else 0.0
+        ratio = (after + time.least_ns) / (before + time.least_ns)
+        score = abs(log2(ratio)) if is_other else 0.0
         values, shown = (before / 1e9, after / 1e9), (before / 1e6, after / 1e6)
         if measure == "rate":
             values = shown = 1e9 / before, 1e9 / after
