@@ -35,7 +35,7 @@ from fte_sniff.platform import read_at
 MAGIC: Final = b"\x89MCAP0\r\n"
 HEAD: Final = struct.Struct("<BQ")
 """Opcode and length of a record."""
-LARGEST: Final = 256 * 1024 * 1024
+LARGEST: Final = 64 * 1024 * 1024
 """Bytes of the largest unpacked chunk that is read."""
 
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
