@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from hypothesis import settings
 
-QUICK, FULL = 20, 50
+QUICK, FULL = 15, 50
 """Examples of a property in a usual run, and in `.ci/full`."""
 
 
