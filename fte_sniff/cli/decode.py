@@ -28,7 +28,7 @@ from fte_sniff.cli.options import (
     rows_format_option,
 )
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
-from fte_sniff.errors import UsageError, unwritable
+from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.following import Following
@@ -81,10 +81,11 @@ def command(
             for item in reading:
                 sink.write(item)
     print_notes(reading)
-    if isinstance(sink, RawSink) and len(sink.ports) > 1:
+    raw = sink.sink if isinstance(sink, FileExport) else sink
+    if isinstance(raw, RawSink) and len(raw.ports) > 1:
         print_err(
-            f"fte-sniff: nothing separates the bytes of {len(sink.ports)} ports in one stream; for"
-            f" one of them use --filter \"port = '{min(sink.ports)}'\""
+            f"fte-sniff: nothing separates the bytes of {len(raw.ports)} ports in one stream; for"
+            f" one of them use --filter \"port = '{min(raw.ports)}'\""
         )
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
@@ -133,23 +134,14 @@ def _opened(
     if path is None or _is_stdout(path):
         is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
         sink = open_sink(form, None if is_text else _binary_stdout(form, path), source)
-        try:
-            yield sink
-            sink.close()
-        except BaseException:
-            sink.abandon()
-            raise
-        return
+    else:
+        sink = FileExport(path, form, source, Existing.REPLACE if force else Existing.REFUSE)
     try:
-        export = FileExport(path, form, source, Existing.REPLACE if force else Existing.REFUSE)
-        try:
-            yield export.sink
-            export.sink.close()
-            export.commit()
-        finally:
-            export.abandon()
-    except OSError as error:
-        raise unwritable(path, error) from error
+        yield sink
+        sink.close()
+    except BaseException:
+        sink.abandon()
+        raise
 
 
 def _binary_stdout(form: OutputFormat, path: Path | None) -> int:

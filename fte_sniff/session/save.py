@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Final, Protocol, TextIO
 
-from fte_sniff.errors import FileError, FteSniffError, UsageError, reason_of
+from fte_sniff.errors import FileError, FteSniffError, UsageError, unwritable
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
@@ -265,7 +265,7 @@ class _ParquetSink:
 
 
 class FileExport:
-    """A sink whose file has a temporary name until it is complete."""
+    """A sink whose file has a temporary name until it is complete; an error leaves no file."""
 
     def __init__(
         self,
@@ -274,27 +274,51 @@ class FileExport:
         source: ExportSource,
         existing: Existing = Existing.REPLACE,
     ) -> None:
-        """Create the temporary file; raises FileError and OSError as `OutputFile`."""
+        """Create the temporary file; raises FileError."""
         if form is OutputFormat.PARQUET:  # loading takes long, and Ctrl-C may end it at once
             import fte_sniff.formats.parquet  # noqa: F401
-        self._file = OutputFile(path, existing, is_hidden=True)
-        try:
+        self.path, self.rows = path, 0
+        self._file: OutputFile | None = None
+        self.sink: Sink | None = None
+        with self._abandoned_on_error():
+            self._file = OutputFile(path, existing, is_hidden=True)
             self.sink = open_sink(form, self._file.made, source)
-        except BaseException:
-            self._file.discard()
-            raise
 
-    def commit(self) -> None:
-        """Give the file its name, after its sink was closed; raises FileError and OSError."""
-        self._file.close()  # Windows renames no open file
-        self._file.commit()
+    def write(self, item: Item) -> None:
+        """Write the next rows, or what is between them; raises FileError."""
+        assert self.sink is not None
+        with self._abandoned_on_error():
+            self.sink.write(item)
+        self.rows += len(item) if isinstance(item, Rows) else 0
+
+    def close(self) -> None:
+        """Complete the file, and give it its name; raises FileError."""
+        assert self.sink is not None
+        assert self._file is not None
+        with self._abandoned_on_error():
+            self.sink.close()
+            self._file.close()  # Windows renames no open file
+            self._file.commit()
 
     def abandon(self) -> None:
         """Close the file, and delete it unless it has its name."""
+        if self._file is None:
+            return
         self._file.discard()  # at once: a second Ctrl-C ends the program
-        with suppress(OSError, FteSniffError):
-            self.sink.abandon()
+        if self.sink is not None:
+            with suppress(OSError, FteSniffError):
+                self.sink.abandon()
         self._file.discard()  # Windows deletes no open file
+
+    @contextmanager
+    def _abandoned_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException as error:
+            self.abandon()
+            if isinstance(error, OSError):
+                raise unwritable(self.path, error) from error
+            raise
 
 
 def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
@@ -378,47 +402,7 @@ class SaveTarget:
             )
         return cls(path, existing)
 
-
-class SaveJob:
-    """One file that is being saved; an error is a FileError, and leaves no file."""
-
-    def __init__(self, target: SaveTarget, source: ExportSource) -> None:
-        """Create the file under its temporary name."""
-        self.path, self.rows = target.path, 0
-        self._export: FileExport | None = None
+    def open(self, source: ExportSource) -> FileExport:
+        """Create the file under its temporary name; raises FileError."""
         form = FORMAT_BY_SUFFIX[self.path.suffix.lower()]
-        with self._abandoned_on_error():
-            self._export = FileExport(self.path, form, source, target.existing)
-        self._sink = self._export.sink
-
-    def write(self, rows: Rows) -> None:
-        """Write the next rows."""
-        with self._abandoned_on_error():
-            self._sink.write(rows)
-        self.rows += len(rows)
-
-    def close(self) -> None:
-        """Complete the file, and give it its name, unless a new file of that name exists now."""
-        with self._abandoned_on_error():
-            self._sink.close()
-            assert self._export is not None
-            self._export.commit()
-
-    def abandon(self) -> None:
-        """Leave no file."""
-        if self._export is not None:
-            self._export.abandon()
-
-    @contextmanager
-    def _abandoned_on_error(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, FteSniffError) as error:
-            self.abandon()
-            if isinstance(error, FteSniffError):
-                raise
-            raise FileError(
-                "{path} cannot be written: {reason}; name another place",
-                path=self.path,
-                reason=reason_of(error),
-            ) from error
+        return FileExport(self.path, form, source, self.existing)

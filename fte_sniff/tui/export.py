@@ -22,7 +22,7 @@ from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import (
     DEFAULT_NAME,
     ExportSource,
-    SaveJob,
+    FileExport,
     SaveTarget,
     free_path,
     replace_text,
@@ -68,7 +68,7 @@ class Export:
     def __init__(self, parts: Parts) -> None:
         self._parts, self._view, self._table = parts, parts.view, parts.table
         self._status = parts.status
-        self.job: SaveJob | None = None
+        self.job: FileExport | None = None
         """The rows that are being saved."""
         self._task: asyncio.Task[None] | None = None
 
@@ -140,7 +140,7 @@ class Export:
         if not line:
             return
         try:
-            job = self.job = SaveJob(self.parse(line), self._source())
+            job = self.job = self.parse(line).open(self._source())
         except FteSniffError as error:
             self._status.warn(error_text(error))
             return
@@ -158,7 +158,7 @@ class Export:
             source = replace(source, selections=[*source.selections, selection])
         return source
 
-    async def _write(self, job: SaveJob, indices: range) -> None:
+    async def _write(self, job: FileExport, indices: range) -> None:
         """Save the rows of these indices that are shown, while the screen continues."""
         view, start = self._view, indices.start
         try:
@@ -190,7 +190,7 @@ class Export:
         else:
             self._status.inform(_("saved the screen to {file}", file=path))
 
-    def _show_progress(self, job: SaveJob, share: float) -> None:
+    def _show_progress(self, job: FileExport, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")
         self._status.pin("save", text.format(file=job.path, share=share))
 

@@ -35,7 +35,6 @@ from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.save import (
     ExportSource,
     FileExport,
-    SaveJob,
     SaveTarget,
     replace_text,
 )
@@ -55,7 +54,7 @@ def rows(count: int = 40) -> list[Row]:
 
 
 def saved(path: Path, taken: list[Row]) -> Path:
-    saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
+    saving = SaveTarget.parse(str(path)).open(ORIGIN)
     for at in range(0, len(taken), 7):
         saving.write(Rows.of(taken[at : at + 7]))
     saving.close()
@@ -105,7 +104,7 @@ def test_an_existing_file_is_named_and_replaced_only_with_force(tmp_path: Path) 
     path.write_text("mine")
     with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
         SaveTarget.parse(str(path))
-    saving = SaveJob(SaveTarget.parse(f"{path}!"), ORIGIN)
+    saving = SaveTarget.parse(f"{path}!").open(ORIGIN)
     assert path.read_text() == "mine"
     saving.close()
     assert path.read_text().startswith("time,port")
@@ -127,9 +126,9 @@ def test_a_file_that_rows_come_from_is_never_replaced(
 
 def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
-    saving = SaveJob(SaveTarget.parse(str(path)), ORIGIN)
+    saving = SaveTarget.parse(str(path)).open(ORIGIN)
     path.write_text("mine")
-    with pytest.raises(FileError, match=r"rows.csv cannot be written: File exists; name another"):
+    with pytest.raises(FileError, match=r"rows.csv exists already; name another"):
         saving.close()
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "mine"
@@ -176,8 +175,7 @@ def test_a_link_that_appears_meanwhile_is_not_followed(tmp_path: Path) -> None:
     export = FileExport(tmp_path / "new", FORMAT_BY_SUFFIX[".csv"], ORIGIN)
     (tmp_path / "new").symlink_to("target")
     with pytest.raises(FileError, match="new is a link"):
-        export.commit()
-    export.abandon()
+        export.close()
     assert (tmp_path / "target").read_text() == "precious"
     assert {path.name for path in tmp_path.iterdir()} == {"new", "target"}
 
@@ -195,7 +193,7 @@ def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
+    saving = SaveTarget.parse(str(tmp_path / f"rows{suffix}")).open(ORIGIN)
     saving.write(Rows.of(rows()))
     saving.abandon()
     assert not list(tmp_path.iterdir())
@@ -218,7 +216,7 @@ def test_a_second_ctrl_c_during_the_end_leaves_nothing(tmp_path: Path, suffix: s
 
 
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
-    saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), ORIGIN)
+    saving = SaveTarget.parse(str(tmp_path / "rows.mcap")).open(ORIGIN)
     with pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"):
         saving.write(Rows.of([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
     assert not list(tmp_path.iterdir())
@@ -228,7 +226,7 @@ def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
 def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     tmp_path: Path, suffix: str
 ) -> None:
-    saving = SaveJob(SaveTarget.parse(str(tmp_path / f"rows{suffix}")), ORIGIN)
+    saving = SaveTarget.parse(str(tmp_path / f"rows{suffix}")).open(ORIGIN)
     taken = rows(20_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
@@ -240,7 +238,7 @@ def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     assert not list(tmp_path.iterdir())
 
 
-def _write_all(saving: SaveJob, taken: list[Row]) -> None:
+def _write_all(saving: FileExport, taken: list[Row]) -> None:
     saving.write(Rows.of(taken))
     saving.close()
 
@@ -251,7 +249,7 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
         Gap(GapKind.LEFT_OUT, None, NOON_NS, NOON_NS),
     ]
     origin = ExportSource(PORTS, {"b": 9600}, gaps, [Selection("motor = 1", 99)])
-    saving = SaveJob(SaveTarget.parse(str(tmp_path / "rows.mcap")), origin)
+    saving = SaveTarget.parse(str(tmp_path / "rows.mcap")).open(origin)
     saving.write(Rows.of(rows()))
     saving.close()
     reader = Recording(tmp_path / "rows.mcap")
@@ -262,12 +260,12 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
 def test_a_file_that_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
     target = SaveTarget.parse(f"{path}!")
-    saving = SaveJob(target, ORIGIN)
+    saving = target.open(ORIGIN)
     with RecordingWriter(path, []) as writer:
         with pytest.raises(FileError, match="being recorded to by another program"):
             saving.close()
         with pytest.raises(FileError, match="being recorded to by another program"):
-            SaveJob(target, ORIGIN)
+            target.open(ORIGIN)
         writer.flush()
     assert not writer.is_gone
     assert [one.name for one in tmp_path.iterdir()] == ["x.mcap"]
