@@ -292,6 +292,8 @@ def _print_live(seconds: float) -> None:
 
 def _screen(rows: int, text: str) -> None:
     """Run the screen over a feed of old and new rows."""
+    import numpy as np
+
     from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.protocol import KIND_BY_NAME, Row, encode
@@ -308,11 +310,15 @@ def _screen(rows: int, text: str) -> None:
         return [Row("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
 
     def updates() -> Iterator[FeedUpdate]:
-        came, old = 0, Rows.of(made(0, BATCH, time.time_ns()))
+        came, old = 0, Rows.of(made(0, BATCH, 0))
+        step_ns = 10**9 // PER_SECOND
+        start_ns = time.time_ns() - rows * step_ns
         while came < rows:
+            times = {"t_ns": start_ns + (came + np.arange(BATCH)) * step_ns}
             count = min(BATCH, rows - came)
             came += count
-            yield FeedUpdate(FeedState("loading", rows=came), old[:count])
+            timed = Rows({**old.columns, **times}, old.ports)
+            yield FeedUpdate(FeedState("loading", rows=came), timed[:count])
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)

@@ -98,6 +98,7 @@ def command(
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
         following,
+        plays=play_speed is not None,
     )
     opening = StartOptions(
         row_filter=wanted,

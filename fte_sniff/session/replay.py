@@ -55,6 +55,8 @@ class ReplaySession:
         total: int | None = None,
         files: Sequence[str] = (),
         following: Following | None = None,
+        *,
+        plays: bool = False,
     ) -> None:
         """Start reading: one batch first, and the others after the view has polled it.
 
@@ -66,13 +68,15 @@ class ReplaySession:
             total: approximate number of rows; None if unknown.
             files: paths of the files.
             following: None for a file that does not grow.
+            plays: whether the rows come one after the other, as in a capture.
         """
         self._following, self._expected_rows, self._files = following, total, files
         self._source, self._title = items, title
         self._stop, self._resumed = threading.Event(), threading.Event()
         self._damage: str | None = None
         """The first damage; the end reports all."""
-        self._rows, self._running, self._is_live = 0, True, False
+        self._rows, self._running, self._is_live = 0, True, plays
+        self._follows = plays or following is not None
         self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
         threading.Thread(target=self._run, name="reads the file", daemon=True).start()
 
@@ -118,7 +122,7 @@ class ReplaySession:
             ended=ended,
             trouble=self._damage,
             live=self._is_live,
-            follows=following is not None,
+            follows=self._follows,
             rows=self._rows,
             progress=min(1.0, self._rows / total) if total else None,
             files=self._files,
