@@ -161,7 +161,7 @@ capture_options = all_of(
         "End",
         click.option(
             "--duration",
-            type=seconds_from(1e-9),
+            type=seconds_from(0.001),
             metavar="S",
             help="End after S seconds, or 5min, or 1h.",
         ),

@@ -30,6 +30,7 @@ EXIT_WRONG = 1
     "seconds",
     type=seconds_from(0.1, 3600),
     default="3s",
+    metavar="S",
     show_default=True,
     help="Listen for this long at most.",
 )

@@ -211,7 +211,8 @@ def seconds_from(low: float, high: float = inf) -> Callable[[str], float]:
         except ValueError:
             raise click.BadParameter(f"{text!r} is not {DURATION_EXAMPLE}.") from None
         if not low <= found <= high:
-            raise click.BadParameter(f"{text} is not {low:g} s or more, up to {high:g}.")
+            most = "or more" if high == inf else f"to {high:g} s"
+            raise click.BadParameter(f"{text} is out of range; use {low:g} s {most}.")
         return found
 
     return convert
