@@ -93,12 +93,14 @@ class TableWriter:
         padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
         shown = (cell for at, cell in enumerate(padded) if at not in self._hidden)
         line = GAP.join(shown).rstrip()
-        if self._is_short:
-            from fte_sniff.formats.cell_text import fit
+        if not self._is_short:
+            self._stream.write(f"{line}\n")
+            return
+        from fte_sniff.formats.cell_text import fit
 
-            line = fit(line, get_terminal_size().columns).rstrip()
-            line = line if os.environ.get("NO_COLOR") else click.style(line, **style)
-        self._stream.write(f"{line}\n")
+        line = fit(line, get_terminal_size().columns).rstrip()
+        line = line if os.environ.get("NO_COLOR") else click.style(line, **style)
+        click.echo(line, file=self._stream)  # which a console of Windows shows in colour too
 
 
 def _style_of(row: Row) -> dict[str, Any]:
