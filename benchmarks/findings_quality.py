@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fte_sniff.analysis import events, statistics
-from fte_sniff.analysis.findings import Cause, Finding, find_in
+from fte_sniff.analysis.findings import Cause, Finding
+from fte_sniff.analysis.findings import find as find_counted
 from fte_sniff.analysis.segments import segments, summed
 from fte_sniff.protocol import Fault, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import MOST_BYTES, Rows, fault_bits
@@ -309,7 +310,7 @@ def _damaged(
 def find(rows: Rows, batch: int = 65_536, happened: Sequence[PortEvent] = ()) -> list[Finding]:
     """The findings of the rows, and of what happened to the port."""
     parts = (rows[start : start + batch] for start in range(0, len(rows), batch))
-    return [*find_in(segments([*happened, *parts])).found]
+    return [*find_counted(summed(map(events.counted, segments([*happened, *parts])))).found]
 
 
 def is_found(findings: Sequence[Finding], what: Episode) -> bool:

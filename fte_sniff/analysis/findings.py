@@ -25,12 +25,11 @@ from fte_sniff.analysis.events import (
     Events,
     Windows,
     by_role,
-    counted,
     is_late,
 )
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import DEADLINE_NS, LATE, is_off_target
-from fte_sniff.analysis.segments import Counts, summed
+from fte_sniff.analysis.segments import Counts
 from fte_sniff.analysis.spans import (
     ALPHA,
     MOST_SPANS,
@@ -40,7 +39,7 @@ from fte_sniff.analysis.spans import (
     spans_of,
     surprise,
 )
-from fte_sniff.analysis.table import MOTOR, Table
+from fte_sniff.analysis.table import MOTOR
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.i18n import later
 from fte_sniff.protocol import PortEventKind
@@ -228,9 +227,9 @@ def _sure_spans(series: _Series, test: _Test) -> Iterator[BadSpan]:
             yield BadSpan(log(events) - len(own) * log(_CHANCE), int(own[0]), int(own[-1]))
 
 
-def _examined(events: Events, series: _Series, alpha: float) -> Iterator[Finding]:
+def _examined(events: Events, series: _Series) -> Iterator[Finding]:
     counts, rows, test = series.counted.events, series.rows, _TESTS[series.cause]
-    spans = [*_sure_spans(series, test)] if test.sure else spans_of(counts, rows > 0, alpha)
+    spans = [*_sure_spans(series, test)] if test.sure else spans_of(counts, rows > 0)
     outside = np.ones(len(rows), np.bool_)
     for _, first, last in spans:
         outside[first : last + 1] = False
@@ -328,7 +327,7 @@ _COUNTED_AS: Final = {
 }
 
 
-def find(counts: Counts, alpha: float = ALPHA, *, grows: bool = False) -> Report:
+def find(counts: Counts, *, grows: bool = False) -> Report:
     """Look for the spans in which something is wrong, in what `events.counted` counted.
 
     `grows` is whether rows may follow.
@@ -345,13 +344,8 @@ def find(counts: Counts, alpha: float = ALPHA, *, grows: bool = False) -> Report
         return Report([], extent, dict.fromkeys(map(str, Cause), why), {})
     lost = list(_lost_ports(events, extent["greatest t"], grows=grows))
     missing = dict(_uncovered(events))
-    found = [*lost, *(one for one in _all_of(events, alpha) if one.cause not in missing)]
+    found = [*lost, *(one for one in _all_of(events) if one.cause not in missing)]
     return Report(ranked(found), extent, missing, _counts(events, missing))
-
-
-def find_in(tables: Iterable[Table], *, grows: bool = False) -> Report:
-    """`find` in tables, of which there is at least one."""
-    return find(summed(map(counted, tables)), grows=grows)
 
 
 def _counts(events: Events, missing: Mapping[str, object]) -> dict[Cause, int]:
@@ -404,9 +398,9 @@ def _at_the_same_time(ports: Sequence[Windows]) -> bool:
     return bool(keys) and len(np.unique(np.concatenate(keys))) < sum(map(len, keys))
 
 
-def _all_of(events: Events, alpha: float) -> Iterator[Finding]:
+def _all_of(events: Events) -> Iterator[Finding]:
     for series in _series(events):
-        yield from _examined(events, series, alpha)
+        yield from _examined(events, series)
     for motor in MOTORS:
         yield from _slower(events, motor)
         yield from _more_late(events, motor)

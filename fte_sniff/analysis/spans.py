@@ -85,13 +85,12 @@ def _best_span(bad: Bools) -> BadSpan | None:
         low, high = int(counts[max(0, best - 1)]), int(counts[best + 1 :][:1].sum()) or high
 
 
-def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[BadSpan]:
+def spans_of(counts: Ints, exposed: Bools) -> list[BadSpan]:
     """The spans in which a count is more frequent than usual.
 
     Args:
         counts: events by window.
         exposed: the windows in which an event could have been.
-        alpha: bound on the probability of a false one.
     """
     at, found = np.flatnonzero(exposed), list[BadSpan]()
     for _ in range(MOST_SPANS):
@@ -101,7 +100,7 @@ def spans_of(counts: Ints, exposed: Bools, alpha: float = ALPHA) -> list[BadSpan
             break
         # Intervals of half of the windows at most; lengths that differ by less are one.
         best, lengths = max(spans), 1 + 2 * np.log2(len(at) / 2 / _LEAST_WINDOWS)
-        if best.score < log(len(at) * lengths * len(_THRESHOLDS) * SERIES / alpha):
+        if best.score < log(len(at) * lengths * len(_THRESHOLDS) * SERIES / ALPHA):
             break
         found.append(BadSpan(best.score, int(at[best.first]), int(at[best.last])))
         at = np.delete(at, np.s_[best.first : best.last + 1])

@@ -25,7 +25,7 @@ from benchmarks.findings_quality import (
 )
 from fte_sniff.analysis import events
 from fte_sniff.analysis import segments as segments_
-from fte_sniff.analysis.findings import Cause, Report, find_in
+from fte_sniff.analysis.findings import Cause, Report
 from fte_sniff.analysis.findings import find as find_counted
 from fte_sniff.analysis.segments import segments, summed
 from fte_sniff.analysis.spans import spans_of
@@ -47,7 +47,7 @@ def rows_with(kind: str, seed: int = 1) -> tuple[Rows, Episode]:
 
 
 def report(*items: Item) -> Report:
-    return find_in(segments(items))
+    return find_counted(summed(map(events.counted, segments(items))))
 
 
 @pytest.mark.parametrize("kind", EPISODES)
@@ -365,7 +365,7 @@ def test_recording_of_selected_rows_is_not_examined() -> None:
     ],
 )
 def test_what_rows_cannot_show_is_named(rows: list[Row], causes: int, why: str) -> None:
-    found = find_in([table_of([*rows])])
+    found = find_counted(events.counted(table_of([*rows])))
     assert [str(one) for one in found.not_covered.values()].count(why) == causes
     assert any(why in line for line in found.coverage())
 
