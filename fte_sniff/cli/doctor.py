@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from itertools import chain
 
 import click
 
@@ -13,9 +12,6 @@ from fte_sniff.cli.options import list_format_option, seconds_from
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
 from fte_sniff.protocol import DEFAULT_BAUD
-
-if TYPE_CHECKING:
-    from fte_sniff.session.doctor import Diagnosis
 
 EXIT_WRONG = 1
 
@@ -54,28 +50,16 @@ def command(
     """
     if probe and port is None:
         raise UsageError("--probe needs a PORT to probe; 'fte-sniff ports' lists them")
-    from fte_sniff.session.doctor import Level
-
-    wrong = False
-    for finding in _findings(port, baud, seconds, probe):
-        click.echo(_json(finding) if form == "jsonl" else _line(finding))
-        wrong = wrong or finding.level is Level.BAD
-    context.exit(EXIT_WRONG if wrong else 0)
-
-
-def _findings(port: str | None, baud: int, seconds: float, probe: bool) -> Iterator[Diagnosis]:
     from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.session.doctor import check_adapters, check_port
+    from fte_sniff.session.doctor import Level, check_adapters, check_port
 
-    yield from check_adapters()
+    found = check_adapters()
     if port is not None:
-        yield from check_port(port, PortSettings(baud), seconds, probe=probe)
-
-
-def _line(finding: Diagnosis) -> str:
-    fix = "" if finding.fix is None else f"  ->  {finding.fix}"
-    return printable(f"{finding.level:<4}  {finding.about}: {finding.what}{fix}")
-
-
-def _json(finding: Diagnosis) -> str:
-    return json_text(asdict(finding))
+        found = chain(found, check_port(port, PortSettings(baud), seconds, probe=probe))
+    wrong = False
+    for one in found:
+        fix = "" if one.fix is None else f"  ->  {one.fix}"
+        line = printable(f"{one.level:<4}  {one.about}: {one.what}{fix}")
+        click.echo(json_text(asdict(one)) if form == "jsonl" else line)
+        wrong = wrong or one.level is Level.BAD
+    context.exit(EXIT_WRONG if wrong else 0)

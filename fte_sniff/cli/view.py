@@ -14,7 +14,6 @@ from fte_sniff.analysis.feed import SPEEDS
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
-    check_inputs,
     exit_if_unreadable,
     follow_option,
     input_options,
@@ -75,7 +74,6 @@ def command(
     language = settings.language(lang)
     if not query.files:
         query = replace(query, files=(_latest(),))
-    check_inputs(query.files)
     from fte_sniff.session.notes import Notes
     from fte_sniff.session.replay import ReplaySession, played
     from fte_sniff.tui.app import run_screen
