@@ -118,8 +118,10 @@ class Attachment:
     port: str
     settings: PortSettings = DEFAULT_SETTINGS
     """Of the target; only the baud is used, for the load of the line."""
+    pid: int | None = None
+    """The process to watch; None for all that have the port open."""
     reconnect: bool = True
-    """True to wait for the next program that opens the port."""
+    """True to wait for the next program that opens the port, unless `pid` names one."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,10 +133,9 @@ class Attachment:
 
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
+        reconnect = self.reconnect and self.pid is None
         notes = [LIMITS]  # reported once, however often it is attached again
-        return Source(
-            [partial(connect_strace, self, clock, notes)], clock, reconnect=self.reconnect
-        )
+        return Source([partial(connect_strace, self, clock, notes)], clock, reconnect=reconnect)
 
 
 def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
@@ -375,6 +376,16 @@ def _holders(wanted: Attachment, port: str) -> list[Holder]:
     if not Path(wanted.port).exists():
         raise PortError("{port}: no such port; `fte-sniff ports` lists them", port=port)
     holders = holders_of(wanted.port)
+    if wanted.pid is not None:
+        named = [holder for holder in holders if holder.pid == wanted.pid]
+        if not named:
+            raise PortError(
+                "process {pid} does not have {port} open; {holders}",
+                pid=wanted.pid,
+                port=port,
+                holders=holders_text(holders),
+            )
+        return named
     if not holders:
         raise PortError(
             "no program that this user may watch has {port} open; start the program first, or use"

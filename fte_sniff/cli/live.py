@@ -29,6 +29,12 @@ _MOST_PORTS = 2
     help="Do not open PORT: watch what the program that has it open reads and writes (Linux).",
 )
 @click.option(
+    "--pid",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="With --attach: the process, if several have it open.",
+)
+@click.option(
     "--share",
     is_flag=True,
     help="Read PORT although another program has it open, and leave its settings as they are: each "
@@ -38,6 +44,7 @@ _MOST_PORTS = 2
 def command(
     ports: tuple[str, ...],
     attach: bool,
+    pid: int | None,
     share: bool,
     **options: Any,
 ) -> None:
@@ -72,6 +79,8 @@ def command(
     if len(ports) > _MOST_PORTS:
         raise UsageError(f"{len(ports)} ports: live takes one, or one for each of two wires")
 
+    if pid is not None and not attach:
+        raise UsageError("--pid works with --attach; add it")
     if attach:
         check_attached(ports)
     if attach and share:
@@ -83,7 +92,7 @@ def command(
         if attach:
             from fte_sniff.capture.attach import Attachment
 
-            return Attachment(ports[0], port_settings, reconnect=reconnect)
+            return Attachment(ports[0], port_settings, pid, reconnect=reconnect)
         from fte_sniff.capture.port_source import PortGroup
 
         return PortGroup(ports, port_settings, reconnect=reconnect)

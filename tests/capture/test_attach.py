@@ -204,14 +204,17 @@ def test_target_that_ends_is_reported_and_the_next_program_is_seen(pty, number: 
 
 
 @needs("strace")
-def test_end_of_the_target_ends_the_capture_without_an_error(pty) -> None:
-    with host_at(pty.device) as host, attached(pty.device, reconnect=False) as seen:
-        host.does("os.write(line, b'one')")
-        host.process.kill()
-        seen.ended()
-        assert seen.data(HOST) == b"one"
-        assert seen.source.end is SourceEnd.STOPPED
-        assert seen.events(pty.device)[-1].detail.endswith(f"(pid {host.pid}) ended")
+@pytest.mark.parametrize("options", [{"reconnect": False}, {"pid": True}])
+def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> None:
+    with host_at(pty.device) as host:
+        options = {name: host.pid if name == "pid" else of for name, of in options.items()}
+        with attached(pty.device, **options) as seen:
+            host.does("os.write(line, b'one')")
+            host.process.kill()
+            seen.ended()
+            assert seen.data(HOST) == b"one"
+            assert seen.source.end is SourceEnd.STOPPED
+            assert seen.events(pty.device)[-1].detail.endswith(f"(pid {host.pid}) ended")
 
 
 @needs("strace")
@@ -362,6 +365,9 @@ def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypa
     pty.let_go()
     assert "start the program first" in refused(pty.device)
     with host_at(pty.device) as host:
+        wrong = refused(pty.device, pid=os.getppid())
+        assert f"process {os.getppid()} does not have {pty.device} open; " in wrong
+        assert f"(pid {host.pid}) has it open" in wrong
         with attached(pty.device):
             busy = refused(pty.device)
             assert "a debugger does already: use sudo, or end the debugger" in busy
