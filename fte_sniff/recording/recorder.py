@@ -127,9 +127,9 @@ class Recorder:
         self._base, self._number = path, 1
         self._closed: list[_ClosedFile] = []
         self._gaps: list[Gap] = []
-        """What could not be written; the last gap grows while there is no file."""
+        """What could not be written; the last gap grows until a file can be written again."""
         self._waiting: list[Entry] = []
-        """What waits while there is no file."""
+        """What waits until a file can be written again."""
         self._stopped: FileError | None = None
         self.trouble: FileError | None = None
         """Why a file ended before its time, the latest; None if that never happened."""

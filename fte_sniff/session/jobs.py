@@ -1,4 +1,4 @@
-"""The same function over groups of files: in other processes, or on a cluster.
+"""One function over groups of files: in other processes, or on a cluster.
 
     groups of files ──map──> worker processes | a Dask cluster ──parts──> added up
 
