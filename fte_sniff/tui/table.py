@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual import events, on
-from textual.geometry import Region, Size
+from textual.geometry import Region
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.scrollbar import ScrollDown, ScrollTo, ScrollUp
@@ -211,11 +211,9 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def draw(self) -> None:
         """Draw the window, where it has changed."""
         viewport, painter = self.viewport, self._painter
-        size = Size(painter.width, viewport.count)
-        if size != self.virtual_size:
-            self.virtual_size = size
-        if round(self.scroll_y) != viewport.top:
-            self.scroll_to(y=viewport.top, animate=False, force=True)
+        bar = self.vertical_scrollbar  # alone: a virtual size would be laid out at each row
+        bar.window_virtual_size, bar.window_size = viewport.count, viewport.height
+        bar.position = viewport.top
         self._lines = self._window_lines()
         drawn = (painter, self._lines, viewport.cursor, self.scrollable_size, self.empty_text)
         if drawn != self._drawn:
@@ -367,11 +365,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def on_resize(self, event: events.Resize) -> None:
         """Draw as many rows as fit now."""
         self.sync()
-
-    def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Move only the scroll bar; `draw` draws the rows."""
-        if self.show_vertical_scrollbar:
-            self.vertical_scrollbar.position = new_value
 
     @on(ScrollTo)
     @on(ScrollUp)
