@@ -96,7 +96,7 @@ def check_port(
         request_low_latency(port)
         yield capability_finding(name, latency_timer_ms(device_of(port) or name))
         yield ok(name, errors.description)
-        data = heard(name, port, seconds, _ENOUGH_BYTES)
+        data = read_for(name, port, seconds, _ENOUGH_BYTES)
         errors.spans(data)
         for event in errors.report(0, at_end=True):
             what = f"line errors while listening: {event.detail}"
@@ -107,7 +107,7 @@ def check_port(
         yield _probe(name, settings, verdict)
 
 
-def heard(name: str, port: serial.Serial, seconds: float, enough: int) -> bytes:
+def read_for(name: str, port: serial.Serial, seconds: float, enough: int) -> bytes:
     """Read for `seconds`, or until there are `enough` bytes; raises PortError on a loss."""
     read, data, deadline = reader_of(port), bytearray(), time.monotonic() + seconds
     while len(data) < enough and time.monotonic() < deadline:
@@ -278,7 +278,7 @@ def _probe(port: str, settings: PortSettings, verdict: LineDiagnosis) -> Diagnos
         except PortError:  # it cannot have this baud
             continue
         with closing(opened):
-            judged = diagnose(heard(port, opened, _PROBE_S, _PROBE_BYTES))
+            judged = diagnose(read_for(port, opened, _PROBE_S, _PROBE_BYTES))
         if judged.has_frames:
             found[baud] = judged
         if judged.condition is LineCondition.SOUND:

@@ -11,7 +11,7 @@ from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction, LineErrorCounts
 from fte_sniff.session import doctor
-from fte_sniff.session.doctor import check_port, heard, probe_finding, verdict_finding
+from fte_sniff.session.doctor import check_port, probe_finding, read_for, verdict_finding
 from tests.beside import Work
 
 
@@ -51,8 +51,8 @@ SETTINGS = PortSettings()
 def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
     with closing(open_port(pty.device)) as port:
         pty.send(b"x" * 500)
-        assert heard(pty.device, port, FOR_EVER_S, 500) == b"x" * 500
-        assert heard(pty.device, port, 0.05, 1) == b""
+        assert read_for(pty.device, port, FOR_EVER_S, 500) == b"x" * 500
+        assert read_for(pty.device, port, 0.05, 1) == b""
     assert pty.arrived() == b""
 
 
@@ -67,7 +67,7 @@ def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):
     with closing(open_port(pty.device)) as port:
         Work(pty.unplug)
         with pytest.raises(PortError, match=r"was lost: .*; check cable and power"):
-            heard(pty.device, port, FOR_EVER_S, 1)
+            read_for(pty.device, port, FOR_EVER_S, 1)
 
 
 def test_a_probe_passes_over_a_baud_that_a_port_cannot_have(monkeypatch):
