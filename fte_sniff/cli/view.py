@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -110,7 +111,8 @@ def command(
         warnings=(*settings.trouble, *notes.damage),
         notes=notes,
     )
-    code = run_screen(session, opening)
+    with closing(session):
+        code = run_screen(session, opening)
     with ending_signals(session.stop) as request_end:
         # A stopped terminal may not block the exit.
         request_end()

@@ -21,6 +21,9 @@ from fte_sniff.session.merge import EVER
 MAX_READ_AHEAD = 6
 """Largest number of batches that are read ahead of the view."""
 
+CLOSE_WITHIN_S = 2.0
+"""Longest time that the end waits for a read."""
+
 PLAY_EVERY_S = 0.02
 """Interval at which rows are played."""
 
@@ -78,7 +81,8 @@ class ReplaySession:
         self._rows, self._running, self._is_live = 0, True, plays
         self._follows = plays or following is not None
         self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
-        threading.Thread(target=self._run, name="reads the file", daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
+        self._thread.start()
 
     def poll(self) -> FeedUpdate:
         """Return what was read since the previous poll, without blocking."""
@@ -109,6 +113,11 @@ class ReplaySession:
         self._resumed.set()
         if self._following is not None:
             self._following.stop()
+
+    def close(self) -> None:
+        """Stop reading, and wait until it has stopped: it needs threads, which the exit ends."""
+        self.stop()
+        self._thread.join(CLOSE_WITHIN_S)
 
     def _state(self) -> FeedState:
         following, ended = self._following, None
