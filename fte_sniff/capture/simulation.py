@@ -213,7 +213,7 @@ Step: TypeAlias = tuple[float, Sequence[Command]]
 
 
 class SimulatedHost:
-    """Sends a script of resets, speed ramps, position moves and drives, again and again."""
+    """Sends a script of resets, drives, speed ramps and position moves, again and again."""
 
     def __init__(self) -> None:
         self._script = cycle(_script())
@@ -244,6 +244,13 @@ _DRIVES = (40, 0, 0), (0, 30, 0), (0, 0, 900), (-40, 0, 0), (0, -30, 0), (20, 20
 def _script() -> Iterator[Step]:
     yield 0.0, [_command(_RESET)]
     yield 0.3, []
+    # First, as each of its many commands asks all motors: what is wrong shows at once.
+    for tops in _DRIVES:
+        for tenths in range(2, 11, 2):
+            yield 0.1, [_command(_DRIVE, *(top * tenths // 10 for top in tops))]
+        yield 1.0, [_command(_DRIVE, *tops)]
+    yield 0.4, [_command(_DRIVE, 0, 0, 0)]
+    yield 0.5, []
     for tenths in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
         rpms = {motor: top * tenths // 10 for motor, top in _TOP_SPEEDS.items()}
         yield 0.15, [_command(_SPEED, motor, rpm) for motor, rpm in rpms.items()]
@@ -251,12 +258,6 @@ def _script() -> Iterator[Step]:
     for goals in (_GOALS, dict.fromkeys(MOTORS, 0)):
         yield 0.1, [_command(_POSITION, motor, 1000, at) for motor, at in goals.items()]
         yield 3.0, []
-    for tops in _DRIVES:
-        for tenths in range(2, 11, 2):
-            yield 0.1, [_command(_DRIVE, *(top * tenths // 10 for top in tops))]
-        yield 1.0, [_command(_DRIVE, *tops)]
-    yield 0.4, [_command(_DRIVE, 0, 0, 0)]
-    yield 0.5, []
 
 
 # The line: faults, parameters, bytes with times
