@@ -38,6 +38,7 @@ from fte_sniff.formats.log_text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
     Chunk,
+    Direction,
     Gap,
     GapKind,
     PortEvent,
@@ -434,6 +435,38 @@ def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Sequence[I
     return sorted(chains, key=lambda chain: inputs.index(chain[0]))
 
 
+_SURE: Final = 20
+"""Frames after which a wire is known to carry one direction."""
+
+
+def are_both_wires(inputs: Sequence[Input]) -> bool:
+    """Whether two recordings are, without doubt, the wires of one line.
+
+    They overlap in time, each has one port, another one, and frames of one direction, the other.
+    """
+    if len(inputs) != 2 or any(one.path is None or len(one.ports) != 1 for one in inputs):
+        return False
+    (first, second), spans = inputs, [one.times() for one in inputs]
+    if first.ports[0].name == second.ports[0].name or None in spans:
+        return False
+    (start, stop), (later, end) = spans  # type: ignore[misc]
+    if stop is None or end is None or later > stop or start > end:
+        return False
+    return {_direction_of(one) for one in inputs} == {*Direction}
+
+
+def _direction_of(one: Input) -> Direction | None:
+    """The direction that the first frames of an input all have; None if there are too few."""
+    found = Counter[int]()
+    with suppress(FteSniffError):
+        for item in one.read(None, lambda _note: None):
+            if isinstance(item, Rows):
+                found.update(item.directions[item.framed & (item.faults == 0)].tolist())
+            if found.total() >= _SURE:
+                break
+    return tuple(Direction)[min(found)] if len(found) == 1 and found.total() >= _SURE else None
+
+
 # The reading of several inputs
 
 
@@ -470,13 +503,14 @@ class InputReading:
             progress: shows how far reading has come.
             facts: whether rows wait for the facts that depend on later rows; they always do if the
                 filter names one.
-            pair: whether all inputs are wires of one line.
+            pair: whether all inputs are wires of one line; two recordings that leave no doubt are.
             zone: that of times in text.
         """
         # The first time of a single input is not needed.
         self._first_ns = {id(one): one.first_ns() if inputs[1:] else None for one in inputs}
         self.inputs = sorted(inputs, key=self._order)
-        self.groups, self._is_pair = groups_of(self.inputs, pair=pair), pair
+        self._is_pair = pair or are_both_wires(self.inputs)
+        self.groups = groups_of(self.inputs, pair=self._is_pair)
         self.unreadable = list(unreadable)
         self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
         self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)

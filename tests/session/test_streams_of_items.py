@@ -34,7 +34,6 @@ from fte_sniff.session.inputs import (
     EventEffects,
     Input,
     InputReading,
-    groups_of,
     recording_input,
     with_facts,
 )
@@ -130,12 +129,19 @@ def recorded(path: Path, *entries: Rows | PortEvent, **options: int) -> Input:
     return recording_input(Recording(recorder.path))
 
 
-def test_two_files_are_one_line_only_as_a_pair(tmp_path: Path) -> None:
+def test_two_wires_in_two_files_are_paired_where_nothing_is_in_doubt(tmp_path: Path) -> None:
     control = recorded(tmp_path / "c.mcap", rows_at("c", *range(SECOND, 90 * SECOND, SECOND)))
-    answers = rows_at("r", *range(SECOND + 9, 90 * SECOND, SECOND), frame=bytes(10))
+    frame = bytes.fromhex("550101000500000000EE")
+    answers = rows_at("r", *range(SECOND + 9, 90 * SECOND, SECOND), frame=frame)
     other = recorded(tmp_path / "r.mcap", answers)
-    assert groups_of([control, other], pair=True) == [[control, other]]
-    assert groups_of([control, other]) == [[control], [other]]
+    later = recorded(
+        tmp_path / "l.mcap", rows_at("r", *range(200 * SECOND, 290 * SECOND, SECOND), frame=frame)
+    )
+    same = recorded(tmp_path / "s.mcap", rows_at("s", *range(SECOND, 90 * SECOND, SECOND)))
+    assert InputReading([other, control]).groups == [[control, other]]
+    assert InputReading([control, later]).groups == [[control], [later]]
+    assert InputReading([control, later], pair=True).groups == [[control, later]]
+    assert InputReading([control, same]).groups == [[control], [same]]
 
 
 def test_several_inputs_are_read_in_the_order_of_time_and_counted_once(tmp_path: Path) -> None:
