@@ -1,10 +1,10 @@
 """The motors at a row: targets, present values, flags, answers, and which one is in trouble.
 
 All of it is a function of the rows before that row, so it is the same live, at the cursor of a
-recording, and after any filter. A screen calls it with the last `LOOK_BACK` rows:
+recording, and after any filter. A screen calls it with the rows of some seconds:
 
-    rows = store.batch(index + 1 - LOOK_BACK, index + 1)
-    states = motors_at(rows, store.runs(index + 1 - LOOK_BACK, index + 1))
+    rows = store.batch(first, index + 1)
+    states = motors_at(rows, store.runs(first, index + 1))
     states[0].trouble, states[0].text          # Trouble.ERROR, "ERROR 04"
 """
 
@@ -35,12 +35,6 @@ from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, FrameKind, Role, motor_bit
 
-LOOK_BACK: Final = 20_000
-"""Rows that `motors_at` needs at most: those of 10 s of two full lines."""
-
-RATE_NS: Final = 2_000_000_000
-"""Time over which rates are counted."""
-
 HEALTH_NS: Final = 10_000_000_000
 """Time over which a motor's answers, damage and flags are judged."""
 
@@ -70,14 +64,12 @@ class Trouble(Enum):
 
 
 class Reading(NamedTuple):
-    """The latest frame of a motor, and since when its bytes have been the same."""
+    """The latest frame of a motor."""
 
     values: Mapping[str, int]
     """By row name, without the motor."""
     kind: FrameKind
     t_ns: int | None
-    since_ns: int | None
-    """The time of the first frame in a row with these bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +85,6 @@ class MotorState:
     """Its bit in the ONLINE byte of the latest feedback of any motor."""
     errors: int | None
     """The ERROR byte of its latest feedback."""
-    commands_per_s: float | None
-    feedback_per_s: float | None
     answered: int
     """Commands in the last 10 s that were answered; 0 where that cannot be known."""
     unanswered: int
@@ -102,7 +92,6 @@ class MotorState:
     """Answers among these that took at least twice the median."""
     damaged: int
     """Damaged rows in the last 10 s that probably belonged to it."""
-    delay_p50_ns: float | None
     delay_p99_ns: float | None
     trouble: Trouble
 
@@ -144,13 +133,10 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
         },
         online=bool(online[0]) if len(online) else None,
         errors=errors[0] if errors else None,
-        commands_per_s=_rate(rows.t_ns[commands], now_ns),
-        feedback_per_s=_rate(rows.t_ns[feedback], now_ns),
         answered=int((states == AnswerState.ANSWERED).sum()),
         unanswered=int((states == AnswerState.UNANSWERED).sum()),
         late=int(recent["late"].sum()),
         damaged=int(np.count_nonzero((rows.motor_hint == motor) & is_recent)),
-        delay_p50_ns=delays.quantile(0.5, "equiprobable"),
         delay_p99_ns=delays.quantile(0.99, "equiprobable"),
         trouble=Trouble.UNKNOWN,
     )
@@ -209,21 +195,12 @@ def _is_off_target(rows: Rows, commands: Ints, feedback: Ints, now_ns: int) -> b
 
 
 def _reading(rows: Rows, at: Ints) -> Reading | None:
-    """The last of some frames of a motor, and since when its bytes have been the same."""
+    """The last of some frames of a motor."""
     if not len(at):
         return None
     last = int(at[-1])
     kind = KINDS[rows.kinds[last]]
     values = {one.name: one.read(rows.raw[last].tobytes()) for one in kind.fields}
     values.pop(NAME_OF_ROLE[Role.MOTOR], None)
-    others = np.flatnonzero((rows.raw[at] != rows.raw[last]).any(axis=1))
-    first = at[others[-1] + 1] if len(others) else at[0]
-    times = (None if rows.t_ns[one] == NO_TIME else int(rows.t_ns[one]) for one in (last, first))
-    return Reading(values, kind, *times)
-
-
-def _rate(t_ns: Ints, now_ns: int) -> float | None:
-    """The rate in the last two seconds; None without times."""
-    if not len(t_ns) or now_ns == NO_TIME:
-        return None
-    return np.count_nonzero(t_ns > now_ns - RATE_NS) * 1e9 / RATE_NS
+    t_ns = int(rows.t_ns[last])
+    return Reading(values, kind, None if t_ns == NO_TIME else t_ns)
