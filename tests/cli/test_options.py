@@ -41,6 +41,7 @@ OF_LIVE = [
     "rotate",
     "max-size",
     "min-free",
+    "pid",
     "plain",
     "headless",
     "format",
@@ -57,10 +58,10 @@ OF_LIVE = [
 ]
 
 
-def test_help_of_live_lists_25_options_in_groups_of_at_most_eight(run) -> None:
+def test_help_of_live_lists_26_options_in_groups_of_at_most_eight(run) -> None:
     shown = run("live", "--help").stdout.partition("\nOptions:\n")[2]
     groups = [re.findall(r"^  (?:-\w, )?--([a-z-]+)", part, re.M) for part in shown.split("\n\n")]
     assert sorted(name for group in groups for name in group) == sorted(OF_LIVE)
     assert max(map(len, groups)) <= 8
-    assert groups[0][:2] == ["attach", "share"]
+    assert groups[0][:3] == ["attach", "pid", "share"]
     assert not any(option.hidden for option in live.command.params if option.name != "ports")
