@@ -2,9 +2,7 @@
 
 [screen]
 theme = "textual-light"
-pane_height = 40                # percent; wide terminals: pane_beside = false, pane_width = 40
 columns = ["time", "kind", "values", "faults"]
-events = false                  # no lines of port events
 language = "zh"                 # or en, or auto: that of the locale
 
 [filters]                       # listed by the key f, with those that ^s there adds
