@@ -322,7 +322,9 @@ def parse_parameters(query: str) -> SimulationParameters:
             what = "is given twice" if name in values else "is not one of its parameters"
             raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(PARAMETERS)}")
         try:
-            values[name] = PARAMETERS[name][0].convert(text, None, None)
+            values[name] = value = PARAMETERS[name][0].convert(text, None, None)
+            if value != value:
+                raise click.BadParameter("nan is not a number")
         except click.BadParameter as error:
             reason = error.message.removesuffix(".")
             raise PortError(f"sim:// cannot take {name}={text:.40}: {reason}") from error

@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from fte_sniff.cli.options import Number
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import KINDS, Field, FrameKind, encode, spaced_hex
 from fte_sniff.protocol.spec import Role
@@ -50,11 +51,11 @@ def command() -> None:
     """
 
 
-_POSITIVE = click.FloatRange(min=0, min_open=True, max=1e9)
+_POSITIVE = Number(min=0, min_open=True, max=1e9)
 _TURNS = (
     click.Option(
         ["--turns"],
-        type=click.FloatRange(-1e9, 1e9),
+        type=Number(-1e18, 1e18),
         metavar="N",
         help="Instead of --pulses: the position in turns of the output shaft.",
     ),

@@ -140,6 +140,7 @@ def test_what_is_written_into_a_url_is_read_out_of_it(parameters):
         ("seed=1&seed=2", ["'seed' is given twice"]),
         ("drop=1.01", ["drop=1.01", "0<=x<=1"]),
         ("flip=-0.1", ["flip=-0.1", "0<=x<=1"]),
+        ("drop=nan", ["drop=nan", "is not a number"]),
         ("rate=0", ["rate=0", "0.01<=x"]),
         ("rate=inf", ["rate=inf"]),
         ("wire=a", ["wire=a", "'both', 'control', 'feedback'"]),
