@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from fte_sniff.cli.options import Number
+from fte_sniff.cli.options import RealNumber
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import KINDS, Field, FrameKind, encode, spaced_hex
 from fte_sniff.protocol.spec import Role
@@ -51,11 +51,11 @@ def command() -> None:
     """
 
 
-_POSITIVE = Number(min=0, min_open=True, max=1e9)
+_POSITIVE = RealNumber(min=0, min_open=True, max=1e9)
 _TURNS = (
     click.Option(
         ["--turns"],
-        type=Number(-1e18, 1e18),
+        type=RealNumber(-1e18, 1e18),
         metavar="N",
         help="Instead of --pulses: the position in turns of the output shaft.",
     ),

@@ -42,7 +42,7 @@ def in_group(name: str, *options: Decorator) -> Decorator:
     return decorate
 
 
-class Number(click.FloatRange):
+class RealNumber(click.FloatRange):
     """A number in a range; `nan` is not one."""
 
     def convert(

@@ -15,7 +15,7 @@ import click
 from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import PARAMETERS, SimulationParameters
 from fte_sniff.cli.input_files import FileName
-from fte_sniff.cli.options import Number, require_pseudo_terminals
+from fte_sniff.cli.options import RealNumber, require_pseudo_terminals
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FileError, PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
@@ -114,7 +114,7 @@ command = click.Command(
         ),
         click.Option(
             ["--speed"],
-            type=Number(0.01, 1000),
+            type=RealNumber(0.01, 1000),
             help="With --replay: how fast.  [default: 1]",
         ),
         *(_option(*one) for one in asdict(SimulationParameters()).items() if one[0] not in _FIXED),

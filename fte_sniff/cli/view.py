@@ -22,7 +22,7 @@ from fte_sniff.cli.input_files import (
     print_saved,
 )
 from fte_sniff.cli.options import (
-    Number,
+    RealNumber,
     alert_of,
     alert_option,
     grouped_command,
@@ -43,7 +43,7 @@ from fte_sniff.session.inputs import Input
 @click.option(
     "--play",
     "play_speed",
-    type=Number(SPEEDS[0], SPEEDS[-1]),
+    type=RealNumber(SPEEDS[0], SPEEDS[-1]),
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )
