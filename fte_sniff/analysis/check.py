@@ -291,7 +291,7 @@ def _commands(table: Table, matches: Bools) -> pl.DataFrame:
 
 def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
     own = _commands(table, matches)
-    counts = own.group_by(MOTOR, "state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
+    counts = own.group_by("motor", "state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
     missed = own.filter(pl.col("state") == AnswerState.UNANSWERED)["command"].to_numpy()
     return Counted({"answers": counts}, missed if rule.is_limit else _NONE)
 
@@ -302,9 +302,9 @@ def _unanswered(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     asked = found.filter(state <= AnswerState.UNANSWERED)
     if not len(asked) and (found["state"] == AnswerState.UNCOVERED).any():
         return Measured(None)
-    missed = asked.filter(state == AnswerState.UNANSWERED).sort("sum commands", MOTOR)
+    missed = asked.filter(state == AnswerState.UNANSWERED).sort("sum commands", "motor")
     text = ""
-    for motor, _, most in missed[-1:].select(MOTOR, "state", "sum commands").iter_rows():
+    for motor, _, most in missed[-1:].select("motor", "state", "sum commands").iter_rows():
         commands = chosen(asked, motor=motor)["sum commands"].sum()
         text = f"most of motor {motor}: {most:,} of {commands:,} commands"
     return Measured(int(missed["sum commands"].sum()), text=text)

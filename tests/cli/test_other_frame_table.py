@@ -116,7 +116,7 @@ def test_decoding_gives_the_other_columns_in_every_format(other: Other) -> None:
         for line in run(other, "decode", "line.mcap", "--format", "jsonl").splitlines()
     ]
     assert {row["length"] for row in rows if row["kind"]} == {12}
-    assert {row["kind"] for row in rows} >= {"halt", "turn", "turn_feedback", None}
+    assert {row["kind"] for row in rows} >= {"halt", "drive", "turn_feedback", None}
     asked = run(other, "decode", "line.mcap", "--format", "jsonl", "--filter", "spin > 0")
     assert [json.loads(line) for line in asked.splitlines()] == [
         row for row in rows if (row["spin"] or 0) > 0
@@ -132,7 +132,7 @@ def test_statistics_and_checks_follow_the_roles(other: Other) -> None:
     motors = found["motors"]
     assert all(motor["commands"] and motor["feedback"] and motor["answered"] for motor in motors)
     streams = found["ports"][0]["streams"]
-    assert {name for one in streams for name in one["values"]} >= {"spin"}
+    assert {name for one in streams for name in one["values"]} >= {"spin", "ahead"}
     rules = ["max(spin) < 5000", "online(1) >= 0.5", "unanswered() >= 0", "delay(p50) < 1000"]
     shown = run(other, "check", "line.mcap", *(word for one in rules for word in ("--expect", one)))
     assert shown.count("pass") == len(rules)
