@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
@@ -70,7 +70,8 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import StartOptions
 
 
-_SIZE = re.compile(r"([0-9]{1,9}(?:\.[0-9]{1,9})?)\s*(?:([kmgt]?)b)?", re.IGNORECASE)
+_SIZE = re.compile(r"(0(?=$)|[0-9]{1,9}(?:\.[0-9]{1,9})?(?=\s*[kmgt]?b))\s*(?:([kmgt]?)b)?", re.I)
+"""A number with a unit; only 0 needs none."""
 _MOST_SECONDS = 10**9
 _MIN_FILE = 100_000
 
@@ -284,7 +285,7 @@ def run_capture(
         if plan.is_temporary:
             raise UsageError("--headless records to files; leave out --no-record")
         names = printable(" and ".join(plan.wiring.names))
-        observers.append(CaptureReport(plan, f"capturing {names}, recording to"))
+        observers.append(CaptureReport(plan, zone, f"capturing {names}, recording to"))
     elif plain or form or columns or not (sys.stdout.isatty() and sys.stdin.isatty()):
         printed = OutputFormat(form or ("csv" if columns else "table"))
         check_columns(columns, printed)
@@ -295,7 +296,7 @@ def run_capture(
             columns=columns or ALL_COLUMNS,
             zone=zone or UTC,
         )
-        observers += [CaptureReport(plan, "recording to"), PlainLines(wanted, alert, write)]
+        observers += [CaptureReport(plan, zone, "recording to"), PlainLines(wanted, alert, write)]
     else:
         from fte_sniff.tui.options import StartOptions
 
@@ -312,7 +313,7 @@ def run_capture(
             zone=zone,
         )
         screen = Screen(start)
-        observers += [screen, CaptureReport(plan)]
+        observers += [screen, CaptureReport(plan, zone)]
         drive = screen.show
     is_network = settings.live.get("network", False)
     if udp is not None:
@@ -333,9 +334,11 @@ _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEve
 class CaptureReport(Observer):
     """Prints where the capture goes, its port events and problems, and the summary at the end."""
 
-    def __init__(self, plan: CapturePlan, intro: str | None = None) -> None:
+    def __init__(
+        self, plan: CapturePlan, zone: tzinfo | None = None, intro: str | None = None
+    ) -> None:
         """`intro` is before the name of the recording; None prints only the end."""
-        self._plan, self._intro = plan, intro
+        self._plan, self._zone, self._intro = plan, zone or UTC, intro
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure = ""
@@ -375,7 +378,8 @@ class CaptureReport(Observer):
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        print_err(summary(self._tally, unframed=state.waiting, limit=self._plan.count))
+        limit = self._plan.count
+        print_err(summary(self._tally, zone=self._zone, unframed=state.waiting, limit=limit))
         if state.outcome and state.recording and not self._plan.is_temporary:
             _print_recording(state.recordings, state.recording, state.outcome)
 

@@ -89,7 +89,7 @@ def command(
         )
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
-    print_err(summary(reading.tally, reading))
+    print_err(summary(reading.tally, reading, zone=reading.source.zone))
     exit_if_unreadable(reading)
 
 

@@ -644,11 +644,13 @@ def summary(
     reading: InputReading | None = None,
     unframed: int = 0,
     limit: int | None = None,
+    zone: tzinfo = UTC,
 ) -> str:
     """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
     With `reading`, whose rows the tally counts, it reports their gaps. `unframed` bytes were
     received but not decoded, because the capture ended; `limit` is its largest number of rows.
+    `zone` is that of the times.
     """
     if reading is not None and reading.written == reading.limit:
         read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
@@ -667,7 +669,6 @@ def summary(
         parts.append(f"{unframed:,} bytes {after}not decoded")
     advice = "" if unframed else explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
-    zone = UTC if reading is None else reading.source.zone
     return ", ".join(parts) + _span(tally, zone) + lacking + (advice and f"; {advice}")
 
 
