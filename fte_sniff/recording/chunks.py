@@ -147,6 +147,8 @@ def _indexed(stream: BinaryIO) -> Contents | None:
     if end < len(MAGIC) or file.read(0, len(MAGIC)) != MAGIC:
         return None
     footer = file.read(end, end + _FOOTER.size)
+    if len(footer) < _FOOTER.size:  # a capture has just replaced the end by a shorter one
+        return None
     opcode, length, start, _, crc = _FOOTER.unpack(footer)
     if (opcode, length) != (Opcode.FOOTER, 20) or not len(MAGIC) <= start < end or not crc:
         return None

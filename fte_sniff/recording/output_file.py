@@ -57,16 +57,19 @@ def lock_replaced(path: Path) -> int | None:
         descriptor = os.open(path, open_flags("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK"))
     except OSError:
         return None
-    _lock(descriptor, path, exclusive=False)  # an exclusive lock needs write permission on NFS
+    try:
+        _lock(descriptor, path, exclusive=False)  # an exclusive lock needs write permission on NFS
+    except FileError:
+        os.close(descriptor)
+        raise
     return descriptor
 
 
 def _lock(descriptor: int, path: Path, *, exclusive: bool) -> None:
-    """Lock the file; if another program has it locked, close it and raise FileError."""
+    """Lock the file; raises FileError if another program has it locked."""
     try:
         try_to_lock(descriptor, exclusive=exclusive)
     except BlockingIOError as error:
-        os.close(descriptor)
         raise FileError(
             "{path} is being recorded to by another program; name another file", path=path
         ) from error
@@ -84,23 +87,24 @@ class OutputFile:
     def __init__(
         self, path: Path, existing: Existing, mode: int = 0o666, *, is_hidden: bool = POSIX
     ) -> None:
-        """Make the file, empty, with a private name if it `is_hidden`; else with its own.
-
-        Raises OSError if another file has the name, or the system refuses it; FileError if another
-        program records to the file, or it is not a regular file.
-        """
+        """A file that `create` makes, with a private name if it `is_hidden`; else with its own."""
         self.path = path
         """The file's name once `commit` was called."""
         self._existing, self._mode, self._is_hidden = existing, mode, is_hidden
         self._replaced: int | None = None
-        self._is_named = False
-        try:
-            self._check()
-            self.made = self._new()
-            """The name that the file has until `commit`."""
-        except OSError:
-            self._unlock()
-            raise
+        self._is_made = self._is_named = False
+        self.descriptor = _CLOSED
+        self.made = path
+        """The name that the file has until `commit`."""
+
+    def create(self) -> None:
+        """Make the file, empty; `discard` deletes it, also if this is interrupted.
+
+        Raises OSError if another file has the name, or the system refuses it; FileError if another
+        program records to the file, or it is not a regular file.
+        """
+        self._check()
+        self._make()
 
     def _check(self) -> None:
         """Check that the file may have its name, and lock a file that it replaces."""
@@ -119,17 +123,19 @@ class OutputFile:
         if self._existing is Existing.REPLACE and self._replaced is None:
             self._replaced = lock_replaced(self.path)
 
-    def _new(self) -> Path:
-        """Make the file, and return its name."""
+    def _make(self) -> None:
         flags = open_flags("O_RDWR", "O_CREAT", "O_EXCL", "O_CLOEXEC")
         for path in file_names(self.path, self._existing):
-            made = path.with_name(f".fte-sniff-{token_hex(8)}.part") if self._is_hidden else path
+            self.made, self._is_made = path, False
+            if self._is_hidden:  # nobody else has the name, so it may be deleted at any moment
+                self.made, self._is_made = path.with_name(f".fte-sniff-{token_hex(8)}.part"), True
             with suppress(FileExistsError):
                 if not self._is_hidden and self._existing is Existing.REPLACE:
                     path.unlink(missing_ok=True)
-                self.descriptor = os.open(made, flags, self._mode)
+                self.descriptor = os.open(self.made, flags, self._mode)
+                self._is_made = True
                 _lock(self.descriptor, path, exclusive=True)
-                return made
+                return
         raise _error(errno.EEXIST)
 
     def commit(self) -> None:
@@ -167,7 +173,7 @@ class OutputFile:
         """Close the file, and delete it unless it has its name; what it was to replace is kept."""
         self.close()
         self._unlock()
-        if not self._is_named:
+        if self._is_made and not self._is_named:
             with suppress(OSError):
                 self.made.unlink()
 
@@ -204,13 +210,12 @@ class OutputFile:
 @contextmanager
 def created(path: Path, existing: Existing) -> Iterator[OutputFile]:
     """A new file, which is discarded after an error; raises FileError for an OSError too."""
-    file: OutputFile | None = None
+    file = OutputFile(path, existing)
     try:
-        file = OutputFile(path, existing)
+        file.create()
         yield file
     except BaseException as error:
-        if file is not None:
-            file.discard()
+        file.discard()
         if isinstance(error, OSError):
             raise unwritable(path, error) from error
         raise

@@ -282,6 +282,7 @@ class FileExport:
         self.sink: Sink | None = None
         with self._abandoned_on_error():
             self._file = OutputFile(path, existing, is_hidden=True)
+            self._file.create()
             self.sink = open_sink(form, self._file.made, source)
 
     def write(self, item: Item) -> None:
@@ -328,6 +329,7 @@ def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
     """
     file = OutputFile(path, Existing.REPLACE, mode, is_hidden=True)
     try:
+        file.create()
         file.made.write_bytes(content)
         file.close()
         file.commit()

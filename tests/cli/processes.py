@@ -99,8 +99,8 @@ def holding(file: Path) -> list[int]:
     return found
 
 
-def stderr_until(process: Process, wanted: str) -> str:
-    """Standard error up to the line that contains `wanted`; an open standard output is drained.
+def stderr_until(process: Process, *wanted: str) -> str:
+    """Standard error up to the line with one of `wanted`; an open standard output is drained.
 
     The next call, or `ended`, reads the lines after it.
     """
@@ -108,7 +108,7 @@ def stderr_until(process: Process, wanted: str) -> str:
     streams = [one for one in (process.stdout, process.stderr) if one is not None]
     found = b""
     awaited = while_waiting(lambda: f"{wanted!r} after {found!r}")
-    while not (wanted.encode() in found and found.endswith(b"\n")):
+    while not (any(one.encode() in found for one in wanted) and found.endswith(b"\n")):
         next(awaited)
         for stream in select.select(streams, [], [], 1.0)[0]:
             if stream is process.stderr:

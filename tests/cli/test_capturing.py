@@ -104,11 +104,12 @@ def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
             stderr_until(process, "recording to")
             wait_until(lambda: recording.stat().st_size > 500_000)
             process.send_signal(signal.SIGINT)
-            shown = stderr_until(process, "bytes left; Ctrl-C drops them")
+            shown = stderr_until(process, "bytes left; Ctrl-C drops them", "recorded to")
             # What waited takes a minute to be written, and more than BOUND_S.
             process.send_signal(signal.SIGTERM)
             code, _, errors = ended(process)
-    assert shown.count("bytes left") == 1
+    errors = shown + errors
+    assert errors.count("bytes left") <= 1
     rows = len(read_rows(recording))
     if code == 0:
         # All was written before the second signal came: then no row is missing.
@@ -191,7 +192,9 @@ def test_a_file_that_cannot_grow_is_reported_at_once_and_the_next_one_has_the_ro
     with (
         file_size_limit(20_000),
         started(
-            environment | {"PYTHONDONTWRITEBYTECODE": "1"}, tmp_path, "live", SIM, "-o", "x.mcap"
+            # The second file does not reach the limit before the end.
+            *(environment | {"PYTHONDONTWRITEBYTECODE": "1"}, tmp_path),
+            *("live", "sim://?rate=100", "-o", "x.mcap"),
         ) as process,
     ):
         stopped = stderr_until(process, "recording goes on in x_00002.mcap")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from hypothesis import given
@@ -338,3 +339,21 @@ def test_a_link_is_not_written_through(existing: Existing, tmp_path: Path) -> No
         RecordingWriter(path, [FIRST], existing=existing)
     assert target.read_bytes() == b"precious"
     assert path.is_symlink()
+
+
+def test_a_recording_can_be_opened_while_its_end_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    rows = [Rows.of([row]) for row in some_rows(1000)]
+    with RecordingWriter(path, [PortFacts("p")]) as writer:
+
+        def record() -> None:
+            for row in rows:
+                writer.write(row)
+                writer.flush(waits=False)
+
+        recording = Thread(target=record)
+        recording.start()
+        while recording.is_alive():
+            assert not Recording(path).unreadable
+        recording.join()
+    assert len(rows_in(path)) == 1000
