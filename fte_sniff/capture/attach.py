@@ -289,7 +289,7 @@ class Strace:
     def __init__(self, holders: list[Holder], device: str, port: str) -> None:
         """Watch programs at a device; `port` is its name in errors.
 
-        Raises PortError, with the fix, if there is no strace, or it cannot watch them.
+        Raises PortError, with the fix, if strace is not installed or cannot watch them.
         """
         program = shutil.which("strace")
         if program is None:

@@ -251,6 +251,7 @@ def request_low_latency(port: serial.Serial) -> TranslatableText:
     try:
         port.set_low_latency_mode(True)
     except (AttributeError, NotImplementedError, OSError, ValueError):
+        # In this order: a port of a URL, another system, a lost device, a driver without it.
         return TranslatableText("no low latency setting")
     return TranslatableText("low latency granted")
 
