@@ -30,17 +30,19 @@ CHUNK_INDEX, ATTACHMENT, METADATA = 8, 9, 12
 START_NS = 1_769_860_800_000_000_000
 VARIANTS = 12
 """Number of different recordings."""
+PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
+"""The ports of a recording; the even variants have only the first one."""
 
 CLAIMS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
 """Lengths and positions that a hostile file may claim."""
 
 
 @cache
-def recording(variant: int, port: str = "/dev/ttyUSB0") -> bytes:
+def recording(variant: int, port: str = PORTS[0]) -> bytes:
     """A recording of at most 1500 frames per port; the variant decides damage and chunks."""
     random = Random(variant)
     rows: list[Row] = []
-    for name in (port, "/dev/ttyUSB1")[: 1 + variant % 2]:
+    for name in (port, PORTS[1])[: 1 + variant % 2]:
         query = f"seed={variant}&frames={random.randrange(50, 1500)}&flip=0.02&noise=0.02"
         framer = Framer(name, DEFAULT_BAUD)
         for timed in Simulation(parse_parameters(query)):
