@@ -13,7 +13,7 @@ schema is read in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -242,35 +242,38 @@ class MessageDecoder:
 
         Messages of other channels are skipped. Noise of more than 16 bytes becomes several rows.
         """
+        known = np.zeros(1 << 16, np.bool_)
+        known[list(types)] = True
+        own = known.take(messages.channels)
+        legible = np.flatnonzero(own & _are_legible(messages))
+        unreadable = int(own.sum()) - len(legible)
+        if len(legible) < len(own):
+            messages = Messages(messages.records, *(one[legible] for one in messages[1:]))
         names = tuple(dict.fromkeys(ports.values()))
-        columns = Rows.blank(len(messages.starts), names, t_ns=messages.log_times)
+        columns = Rows.blank(len(legible), names, t_ns=messages.log_times)
         kept = np.zeros(len(columns), np.bool_)
         more: list[tuple[Array, Rows]] = []
         events: dict[int, PortEvent] = {}
-        known = np.zeros(1 << 16, np.bool_)
-        known[list(types)] = True
-        legible = _are_legible(messages)
-        unreadable = int((known.take(messages.channels) & ~legible).sum())
         port_codes = np.zeros(1 << 16, np.uint16)
         port_codes[list(ports)] = [names.index(port) for port in ports.values()]
         columns.port[:] = port_codes.take(messages.channels)
-        for kind, length, rows in _alike(messages, legible, types):
+        for kind, length, alike in _alike(messages, types):
             if kind.is_event:
-                own = _events(messages, rows, kind, ports)
-                events |= own
-                unreadable += len(rows) - len(own)
+                own_events = _events(messages, alike, kind, ports)
+                events |= {int(legible[at]): event for at, event in own_events.items()}
+                unreadable += len(alike) - len(own_events)
             else:
-                good = self._decode_alike(messages, length, rows, kind, columns, more)
+                good = self._decode_alike(messages, length, alike, kind, columns, more)
                 kept[good] = True
-                unreadable += len(rows) - len(good)
+                unreadable += len(alike) - len(good)
         places = np.flatnonzero(kept)
-        found = columns if len(places) == len(columns) else columns.select(places)
+        rows = columns if len(places) == len(columns) else columns.select(places)
         if more:
-            places = np.concatenate([places, *(rows for rows, _ in more)])
+            places = np.concatenate([places, *(own for own, _ in more)])
             order = np.argsort(places, kind="stable")
             places = places[order]
-            found = Rows.concat([found, *(rest for _, rest in more)]).select(order)
-        return Decoded(found, places, events, unreadable)
+            rows = Rows.concat([rows, *(rest for _, rest in more)]).select(order)
+        return Decoded(rows, legible[places], events, unreadable)
 
     def _decode_alike(
         self,
@@ -329,23 +332,19 @@ def heads_at(records: bytes, starts: Ints) -> Array:
 
 
 def _alike(
-    messages: Messages, legible: Bools, types: Mapping[int, MessageType]
-) -> list[tuple[MessageType, int, Array]]:
+    messages: Messages, types: Mapping[int, MessageType]
+) -> Iterator[tuple[MessageType, int, Array]]:
     """The messages of each type and length: their indices, in file order."""
     kinds = list({id(one): one for one in types.values()}.values())
-    numbers = {id(one): number for number, one in enumerate(kinds, 1)}
+    numbers = {id(one): number for number, one in enumerate(kinds)}
     codes = np.zeros(1 << 16, np.int64)
     codes[list(types)] = [numbers[id(one)] for one in types.values()]
-    own = np.where(legible, codes.take(messages.channels), 0)
-    keys = own * LONGEST + np.clip(messages.lengths, 0, LONGEST - 1)
-    if len(kinds) < (1 << 16) // LONGEST:
+    keys = codes.take(messages.channels) * LONGEST + messages.lengths
+    if len(kinds) <= (1 << 16) // LONGEST:
         keys = keys.astype(np.uint16)  # which numpy sorts in one pass
-    found = list[tuple[MessageType, int, Array]]()
     for rows in groups_of(keys):
         code, length = divmod(int(keys[rows[0]]), LONGEST)
-        if code:
-            found.append((kinds[code - 1], length, rows))
-    return found
+        yield kinds[code], length, rows
 
 
 def _are_legible(messages: Messages) -> Bools:
