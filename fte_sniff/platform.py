@@ -91,36 +91,28 @@ def sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-# Locks: POSIX has `flock`. Windows locks ranges of bytes, and a locked byte cannot be read: there
-# it is one far behind the end of any file.
+# Locks: POSIX has `flock`. Windows locks ranges of bytes for one program, and a locked byte cannot
+# be read: there it is one far behind the end of any file.
 
 if POSIX:
     import fcntl
 elif sys.platform == "win32":
-    import ctypes
     import msvcrt
-    from ctypes import wintypes
 
-    class _Overlapped(ctypes.Structure):
-        """`OVERLAPPED` of the Windows API: where a range begins."""
-
-        _fields_ = (
-            ("internal", ctypes.c_void_p),
-            ("internal_high", ctypes.c_void_p),
-            ("offset", wintypes.DWORD),
-            ("offset_high", wintypes.DWORD),
-            ("event", wintypes.HANDLE),
-        )
-
-    _FAIL_AT_ONCE, _EXCLUSIVE = 1, 2
-    _ERROR_LOCK_VIOLATION = 33
-
-    def _locked_byte(descriptor: int) -> tuple[wintypes.HANDLE, _Overlapped]:
-        return wintypes.HANDLE(msvcrt.get_osfhandle(descriptor)), _Overlapped(offset_high=1 << 30)
+    def _lock_byte(descriptor: int, mode: int) -> None:
+        with _position:
+            before = os.lseek(descriptor, 0, os.SEEK_CUR)
+            os.lseek(descriptor, 1 << 30, os.SEEK_SET)
+            try:
+                msvcrt.locking(descriptor, mode, 1)
+            except PermissionError as error:
+                raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)) from error
+            finally:
+                os.lseek(descriptor, before, os.SEEK_SET)
 
 
 def try_to_lock(descriptor: int, *, exclusive: bool = True) -> None:
-    """Lock a file until it is closed; returns at once.
+    """Lock a file until it is closed; returns at once. On Windows each lock is exclusive.
 
     Raises BlockingIOError if another program has it locked, and OSError on a file system without
     locks.
@@ -128,13 +120,7 @@ def try_to_lock(descriptor: int, *, exclusive: bool = True) -> None:
     if POSIX:
         fcntl.flock(descriptor, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
     elif sys.platform == "win32":
-        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
-        handle, where = _locked_byte(descriptor)
-        flags = _FAIL_AT_ONCE | (_EXCLUSIVE if exclusive else 0)
-        if not kernel.LockFileEx(handle, flags, 0, 1, 0, ctypes.byref(where)):
-            code = ctypes.get_last_error()
-            kind = BlockingIOError if code == _ERROR_LOCK_VIOLATION else OSError
-            raise kind(errno.EAGAIN, ctypes.FormatError(code))
+        _lock_byte(descriptor, msvcrt.LK_NBLCK)
     else:
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
@@ -150,6 +136,5 @@ def is_locked(descriptor: int) -> bool:
     if POSIX:
         fcntl.flock(descriptor, fcntl.LOCK_UN)
     elif sys.platform == "win32":
-        handle, where = _locked_byte(descriptor)
-        ctypes.WinDLL("kernel32").UnlockFileEx(handle, 0, 1, 0, ctypes.byref(where))
+        _lock_byte(descriptor, msvcrt.LK_UNLCK)
     return False

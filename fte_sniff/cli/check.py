@@ -18,7 +18,7 @@ from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, input_options
 from fte_sniff.cli.measuring import finish, headline, measure, print_json, print_lines, table_lines
 from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
-from fte_sniff.errors import UsageError, printable, unreadable
+from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import Status, iso_time, spaced_hex
 from fte_sniff.session.stats_json import MOTOR, finding_json
@@ -106,11 +106,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
         raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
     found: list[Rule] = []
     if path is not None:
-        try:
-            text = read_toml(path, "name a rules file")
-        except OSError as error:
-            raise unreadable(path, error) from error
-        found += rules_of_toml(text, str(path))
+        found += rules_of_toml(read_toml(path, "name a rules file"), str(path))
     found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
     return found
 

@@ -71,10 +71,11 @@ def command(
     # Following ends by Ctrl-C, as a capture does.
     ending = nullcontext() if following is None else ending_signals(following.stop)
     # Rows on standard output show themselves how far it is.
-    with ending, progress_line(shown=not _is_stdout(output) and not is_typed(query.files)) as line:
+    shown = not _is_stdout(output) and not is_typed(query.files)
+    with ending, progress_line(shown=shown) as progress:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and following is None and STDIN not in query.files
-        reading = query.read(query.row_filter(), limit, line.progress, following, facts=facts)
+        reading = query.read(query.row_filter(), limit, progress, following, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
         with _opened(written, output, reading.source, force=force) as sink:

@@ -17,14 +17,12 @@ from fte_sniff.cli.completion import VARIABLE
 from fte_sniff.cli.streams import (
     EXIT_INTERRUPTED,
     NOT_BEGUN,
-    STDOUT,
     abandon,
     abandon_stdout,
     check_memory,
     interruptible,
     prepare_streams,
     print_err,
-    unwritable_stdout,
 )
 from fte_sniff.errors import FileError, FteSniffError, reason_of, unwritable
 
@@ -124,13 +122,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except OSError as error:
         if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOMEM):
             raise
-        if error.filename == STDOUT:
-            refused = unwritable_stdout(error)
-        elif error.filename is not None:
-            refused = unwritable(error.filename, error)
-        else:
-            reason = reason_of(error)
-            refused = FileError(f"the system reports: {reason}; try again, or `{PROGRAM} doctor`")
+        refused = (
+            FileError(f"the system reports: {reason_of(error)}; try again, or `{PROGRAM} doctor`")
+            if error.filename is None
+            else unwritable(error.filename, error)
+        )
         _exit_with(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
@@ -141,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _exit_with(message: str, code: int) -> NoReturn:
-    with suppress(OSError):
+    with suppress(OSError, FteSniffError):
         sys.stdout.flush()
     abandon_stdout()
     print_err(f"{PROGRAM}: {message}")

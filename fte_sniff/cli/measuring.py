@@ -65,8 +65,8 @@ def measure(
             raise UsageError("--jobs is for this machine; leave it out with --cluster")
         check_address(query.cluster)
     measurement, wanted = Measurement(analysis), query.row_filter()
-    with progress_line(shown=not is_typed(query.files)) as line:
-        reading = query.read(None, progress=line.progress)
+    with progress_line(shown=not is_typed(query.files)) as progress:
+        reading = query.read(None, progress=progress)
         measurement.also = also or measurement.also
         jobs = min(query.jobs or 1, len(reading.groups))
         if jobs == 1 and query.cluster is None:

@@ -57,6 +57,8 @@ class RealNumber(click.FloatRange):
 
 _RANGE: Final = re.compile(r"; [^;\[\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")
 """The range of a number, which click adds to the help; an error names it."""
+_NUMBER: Final = re.compile(r"(INTEGER|FLOAT)( RANGE)?$")
+"""The names of types that the help writes as N."""
 
 
 class GroupedCommand(click.Command):
@@ -70,7 +72,7 @@ class GroupedCommand(click.Command):
             if record is not None:
                 names, text = record
                 own = groups.setdefault(getattr(option, "group", "Options"), [])
-                own.append((names, _RANGE.sub("", text)))
+                own.append((_NUMBER.sub("N", names), _RANGE.sub("", text)))
         for name, records in groups.items():
             with formatter.section(name):
                 formatter.write_dl(records)

@@ -34,8 +34,8 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if target.exists() and file.exists() and target.samefile(file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
-    with progress_line() as line:
-        line.progress.step = f"repairing {file}"
+    with progress_line() as progress:
+        progress.step = f"repairing {file}"
         repair = Repair(file)
         if not repair.is_whole:
             repair.write(target, Existing.REPLACE if force else Existing.REFUSE)

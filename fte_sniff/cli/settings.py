@@ -27,7 +27,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -64,43 +64,71 @@ def _are_columns(value: Any) -> bool:
     return bool(columns) and len(columns) == len(value)
 
 
+def _are_ports(value: Any) -> bool:
+    return isinstance(value, list) and len(value) in (1, 2) and all(map(_TEXT.holds, value))
+
+
 def _is_number(value: Any, *types: type) -> bool:
     return type(value) in types and 0 < value < 2**31
 
 
-_TABLE: Final = _Kind("a table", lambda value: isinstance(value, dict))
+def _one_of(*words: str) -> _Kind:
+    return _Kind(f"one of {', '.join(words)}", lambda value: value in words)
+
+
 _TEXT: Final = _Kind("a text", lambda value: isinstance(value, str) and bool(value))
 _YES_OR_NO: Final = _Kind("true or false", lambda value: isinstance(value, bool))
 _RATIO: Final = _Kind("a number above 0", lambda value: _is_number(value, int, float))
 
-_LANGUAGES: Final = (*LANGUAGES, AUTO)
-_SCREEN: Final[Mapping[str, _Kind]] = {
-    "theme": _Kind(f"one of {', '.join(THEMES)}", lambda value: value in THEMES),
-    "columns": _Kind(
-        f"a list of different names out of {', '.join(ORDER)}",
-        _are_columns,
-    ),
-    "language": _Kind(f"one of {', '.join(_LANGUAGES)}", lambda value: value in _LANGUAGES),
-}
-"""What the table of the screen may have: fields of `Choices`."""
+_ANY_NAME: Final = ""
 
-_LIVE: Final[Mapping[str, _Kind]] = {
-    "ports": _Kind(
-        "a list of one or two ports",
-        lambda value: (
-            isinstance(value, list) and len(value) in (1, 2) and all(map(_TEXT.holds, value))
-        ),
-    ),
-    "zone": _Kind("a time zone, such as Asia/Shanghai, +08:00 or local", _is_zone),
-    "reconnect": _YES_OR_NO,
-    "network": _YES_OR_NO,
+_SCREEN: Final = {
+    "theme": _one_of(*THEMES),
+    "columns": _Kind(f"a list of different names out of {', '.join(ORDER)}", _are_columns),
+    "language": _one_of(*LANGUAGES, AUTO),
 }
+_FILTERS: Final = {_ANY_NAME: _TEXT}
+_CHOICES: Final[Mapping[str, Any]] = {**_SCREEN, "filters": _FILTERS}
+"""What is chosen on the screen: fields of `Choices`."""
 
-_PORT: Final[Mapping[str, _Kind]] = {
-    "baud": _Kind("a whole number from 1", lambda value: _is_number(value, int)),
-    "resolution": _RATIO,
-    "gear-ratio": _RATIO,
+_TABLES: Final[Mapping[str, Any]] = {
+    "screen": _SCREEN,
+    "live": {
+        "ports": _Kind("a list of one or two ports", _are_ports),
+        "zone": _Kind("a time zone, such as Asia/Shanghai, +08:00 or local", _is_zone),
+        "reconnect": _YES_OR_NO,
+        "network": _YES_OR_NO,
+    },
+    "port": {
+        _ANY_NAME: {
+            "baud": _Kind("a whole number from 1", lambda value: _is_number(value, int)),
+            "resolution": _RATIO,
+            "gear-ratio": _RATIO,
+        }
+    },
+    "filters": _FILTERS,
 }
+"""What a settings file may have: of each name a kind, or such a table."""
+
+
+def _valid(
+    table: Mapping[str, Any], known: Mapping[str, Any], faults: list[str], *path: str
+) -> dict[str, Any]:
+    """The valid entries of a table; lists become tuples. The others go to `faults`, a line each."""
+    found: dict[str, Any] = {}
+    place = f" in [{'.'.join(path)}]" if path else ""
+    for name, value in table.items():
+        kind = known.get(name, known.get(_ANY_NAME))
+        if kind is None:
+            faults.append(f"unknown name {name!r:.60}{place}; use one of {', '.join(known)}")
+        elif isinstance(kind, dict) and isinstance(value, dict):
+            found[name] = _valid(value, kind, faults, *path, name)
+        elif isinstance(kind, _Kind) and kind.holds(value):
+            found[name] = tuple(value) if isinstance(value, list) else value
+        else:
+            wanted = kind.wanted if isinstance(kind, _Kind) else "a table"
+            faults.append(f"{name}{place} must be {wanted}, not {value!r:.60}")
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +140,9 @@ class Settings:
     port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By the name of a port: `baud`, `resolution` and `gear-ratio`."""
     filters: Mapping[str, str] = field(default_factory=dict)
-    faults: tuple[str, ...] = ()
-    """Invalid entries of the file, one line each."""
     path: Path = Path()
     trouble: tuple[str, ...] = ()
-    """Problems with the file that were reported, one line each."""
+    """What is wrong with the file, one line each."""
 
     def of_port(self, port: str) -> Mapping[str, Any]:
         """Settings of a port, by this name or another name of the same device."""
@@ -150,85 +176,40 @@ class Settings:
         return language_of(lang or self.screen.get("language"), os.environ)
 
     @property
-    def _written(self) -> Choices:
-        """Theme, columns, language and filters of the file."""
-        from fte_sniff.tui.options import Choices
-
-        return Choices(**self.screen, filters=tuple(self.filters.items()))
-
-    @property
     def choices(self) -> Choices:
         """Those of the file, with what was chosen on the screen; what is invalid is ignored."""
         from fte_sniff.session.user_state import read_choices
+        from fte_sniff.tui.options import Choices
 
-        stored = read_choices()
-        filters = stored.pop("filters", {})
-        filters = _values(filters if isinstance(filters, dict) else {}, "filters", _TEXT, [])
-        chosen = _values(stored, "screen", _SCREEN, [])
-        return replace(self._written, **chosen, filters=tuple({**self.filters, **filters}.items()))
+        stored = _valid(read_choices(), _CHOICES, [])
+        filters = {**self.filters, **stored.pop("filters", {})}
+        return Choices(**{**self.screen, **stored}, filters=tuple(filters.items()))
 
     def keep(self, choices: Choices) -> None:
         """Store what differs from the file for the next start; a failure is only reported."""
         from fte_sniff.session.user_state import save_choices
 
-        written = asdict(self._written)
-        chosen = {
+        chosen = {name: getattr(choices, name) for name in _SCREEN}
+        own = {
             name: value
-            for name, value in asdict(choices).items()
-            if value != written[name] and value is not None
+            for name, value in chosen.items()
+            if value not in (None, self.screen.get(name))
         }
-        own = {name: text for name, text in choices.filters if self.filters.get(name) != text}
+        filters = {name: text for name, text in choices.filters if self.filters.get(name) != text}
         try:
-            save_choices(chosen | {"filters": own})
+            save_choices(own | {"filters": filters})
         except FteSniffError as error:
             print_err(f"the choices of the screen are not saved: {error}")
-
-
-def _values(
-    table: Any, where: str, kinds: Mapping[str, _Kind] | _Kind, faults: list[str]
-) -> dict[str, Any]:
-    """The valid values of a table, by name; one kind is that of any name. Lists become tuples."""
-    found = {}
-    place = f" in [{where}]" if where else ""
-    for name, value in table.items():
-        kind = kinds if isinstance(kinds, _Kind) else kinds.get(name)
-        if kind is None:
-            known = ", ".join(map(str, kinds))
-            faults.append(f"unknown name {name!r:.60}{place}; use one of {known}")
-        elif kind.holds(value):
-            found[name] = tuple(value) if isinstance(value, list) else value
-        else:
-            faults.append(f"{name}{place} must be {kind.wanted}, not {value!r:.60}")
-    return found
-
-
-_TABLES: Final = dict.fromkeys(("screen", "live", "port", "filters"), _TABLE)
-
-
-def parse_settings(content: Mapping[str, Any]) -> Settings:
-    """Settings from the tables of a file; invalid entries go to `faults`."""
-    faults: list[str] = []
-    tables = {name: {} for name in _TABLES} | _values(content, "", _TABLES, faults)
-    ports = _values(tables["port"], "port", _TABLE, faults)
-    return Settings(
-        _values(tables["screen"], "screen", _SCREEN, faults),
-        _values(tables["live"], "live", _LIVE, faults),
-        {name: _values(table, f"port.{name}", _PORT, faults) for name, table in ports.items()},
-        _values(tables["filters"], "filters", _TEXT, faults),
-        tuple(faults),
-    )
 
 
 CONFIG_VARIABLE: Final = "FTE_SNIFF_CONFIG"
 
 _MOST_BYTES = 1_000_000
-_FIX = "correct the file, or move it away"
 
 
 def settings_path() -> Path:
     """Path of the settings file: `$FTE_SNIFF_CONFIG`, or `config.toml` in the user's folder."""
-    named = os.environ.get(CONFIG_VARIABLE)
-    if named:
+    if named := os.environ.get(CONFIG_VARIABLE):
         return Path(named)
     from platformdirs import user_config_path
 
@@ -238,10 +219,13 @@ def settings_path() -> Path:
 def read_toml(path: Path, fix: str) -> str:
     """The text of a TOML file, without a byte order mark.
 
-    Raises FileError with the fix if it is too large or not a text, and OSError.
+    Raises FileError, with the fix if the file is too large, or if it is not a text.
     """
-    with path.open("rb") as file:
-        content = file.read(_MOST_BYTES + 1)
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise unreadable(path, error) from error
     if len(content) > _MOST_BYTES:
         raise FileError(f"{path} is larger than 1 MB; {fix}")
     try:
@@ -252,23 +236,21 @@ def read_toml(path: Path, fix: str) -> str:
 
 
 def read_settings(path: Path) -> Settings:
-    """Read a settings file; a missing file has no settings.
-
-    Raises FileError if it cannot be read, or is not TOML.
-    """
+    """The settings of a file; one that is missing, or cannot be read, has none."""
+    if not os.path.exists(path):  # noqa: PTH110 - False, and no error, where a folder is closed
+        return Settings(path=path)
+    faults: list[str] = []
+    fix = "correct the file, or move it away"
     try:
-        if not (path.is_dir() or path.is_file()) and path.exists():
-            raise FileError(f"{path} is not a regular file; {_FIX}")
-        tables = tomllib.loads(read_toml(path, _FIX))
-    except (FileNotFoundError, NotADirectoryError):
-        return Settings()
-    except OSError as error:
-        raise unreadable(path, error) from error
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{path} is not TOML: {error}; {_FIX}") from error
-    except RecursionError as error:
-        raise FileError(f"{path} is nested too deeply; {_FIX}") from error
-    return parse_settings(tables)
+        tables = _valid(tomllib.loads(read_toml(path, fix)), _TABLES, faults)
+    except FteSniffError as error:
+        trouble = f"{error}"
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        trouble = f"{path} is not TOML: {error}; {fix}"
+    else:
+        reported = (f"{path}: {fault}; it is ignored" for fault in faults)
+        return Settings(**tables, path=path, trouble=tuple(reported))
+    return Settings(path=path, trouble=(f"{trouble}; starting without settings",))
 
 
 lang_option = click.option(
@@ -280,13 +262,8 @@ lang_option = click.option(
 
 
 def load_settings() -> Settings:
-    """Load the settings; problems are reported."""
-    path = settings_path()
-    try:
-        settings = read_settings(path)
-        trouble = [f"{path}: {fault}; it is ignored" for fault in settings.faults]
-    except FteSniffError as error:
-        settings, trouble = Settings(), [f"{error}; starting without settings"]
-    for line in trouble:
+    """Load the settings; what is wrong with the file is printed."""
+    settings = read_settings(settings_path())
+    for line in settings.trouble:
         print_err(f"fte-sniff: {line}")
-    return replace(settings, path=path, trouble=tuple(trouble))
+    return settings

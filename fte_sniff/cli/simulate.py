@@ -15,7 +15,13 @@ import click
 from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import PARAMETERS, SimulationParameters
 from fte_sniff.cli.input_files import FileName
-from fte_sniff.cli.options import RealNumber, require_pseudo_terminals
+from fte_sniff.cli.options import (
+    Decorator,
+    RealNumber,
+    all_of,
+    grouped_command,
+    require_pseudo_terminals,
+)
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FileError, PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
@@ -24,13 +30,32 @@ _FIXED = {"host": "off", "wire": Direction.FEEDBACK.value}
 """The host is the program that is being developed, and receives feedback only."""
 
 
-def _option(name: str, default: Any) -> click.Option:
+def _option(name: str, default: Any) -> Decorator:
     kind, meaning = PARAMETERS[name]
     option = f"--{name.replace('_', '-')}"
-    return click.Option([option], type=kind, default=default, show_default=True, help=meaning)
+    return click.option(option, type=kind, default=default, show_default=True, help=meaning)
 
 
-def _run(
+@grouped_command(
+    name="simulate", short_help="A controller on a pseudo-terminal, to develop against."
+)
+@click.option("--link", type=FileName(), help="Make this link to it.")
+@click.option(
+    "--baud",
+    type=click.IntRange(*BAUD_RANGE),
+    default=DEFAULT_BAUD,
+    show_default=True,
+    help="Bits/s.",
+)
+@click.option("--replay", type=FileName(), help="Play a recording once a program opens the device.")
+@click.option(
+    "--direction",
+    type=click.Choice([str(direction) for direction in Direction]),
+    help="With --replay: the frames to play.  [default: feedback]",
+)
+@click.option("--speed", type=RealNumber(0.01, 1000), help="With --replay: how fast.  [default: 1]")
+@all_of(*(_option(*one) for one in asdict(SimulationParameters()).items() if one[0] not in _FIXED))
+def command(
     link: Path | None,
     baud: int,
     replay: Path | None,
@@ -38,6 +63,12 @@ def _run(
     speed: float | None,
     **parameters: Any,
 ) -> None:
+    """Simulate a controller on a pseudo-terminal, for a host program to open.
+
+    The device's name goes to standard output. Four motors obey the commands that are written to
+    it and send their feedback. With --replay, the frames of a recording are sent instead, with
+    their timing.
+    """
     require_pseudo_terminals("simulate", "`live sim://` has a simulated host too")
     if replay is not None:
         _replay(replay, link, direction or Direction.FEEDBACK, speed or 1.0)
@@ -90,38 +121,3 @@ def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None
 
 def _bytes_of(raw: bytes | str) -> bytes:
     return bytes.fromhex(raw) if isinstance(raw, str) else raw
-
-
-command = click.Command(
-    "simulate",
-    callback=_run,
-    params=[
-        click.Option(["--link"], type=FileName(), help="Make this link to it."),
-        click.Option(
-            ["--baud"],
-            type=click.IntRange(*BAUD_RANGE),
-            default=DEFAULT_BAUD,
-            show_default=True,
-            help="Bits/s.",
-        ),
-        click.Option(
-            ["--replay"], type=FileName(), help="Play a recording once a program opens the device."
-        ),
-        click.Option(
-            ["--direction"],
-            type=click.Choice([str(direction) for direction in Direction]),
-            help="With --replay: the frames to play.  [default: feedback]",
-        ),
-        click.Option(
-            ["--speed"],
-            type=RealNumber(0.01, 1000),
-            help="With --replay: how fast.  [default: 1]",
-        ),
-        *(_option(*one) for one in asdict(SimulationParameters()).items() if one[0] not in _FIXED),
-    ],
-    short_help="A controller on a pseudo-terminal, to develop against.",
-    help="Simulate a controller on a pseudo-terminal, for a host program to open.\n\n"
-    "The device's name goes to standard output. Four motors obey the commands that are written to "
-    "it and send their feedback. With --replay, the frames of a recording are sent instead, with "
-    "their timing.",
-)

@@ -53,23 +53,18 @@ STDOUT = "standard output"
 
 
 class _Output(io.FileIO):
-    """Standard output; its errors name it, so that they differ from those of other files."""
+    """Standard output, whose errors name it, so that they differ from those of files."""
 
     def write(self, data: Buffer, /) -> int:
-        """Write; raises OSError."""
+        """Write; raises BrokenPipeError without a reader, and FileError."""
         try:
             return super().write(data)
-        except OSError as error:
-            error.filename = STDOUT
+        except BrokenPipeError:
             raise
-
-
-class ClosedOutput(io.TextIOBase):
-    """Replacement for a standard output that was closed before the program started."""
-
-    def write(self, text: str, /) -> int:
-        """Raise FileError."""
-        raise FileError("standard output is closed; redirect it, for example > rows.txt")
+        except OSError as error:  # not every command has `-o`
+            raise FileError(
+                f"{STDOUT} cannot be written: {reason_of(error)}; redirect it to another place"
+            ) from error
 
 
 def prepare_streams() -> None:
@@ -79,18 +74,15 @@ def prepare_streams() -> None:
     """
     if POSIX and resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _LEAST_FILES:
         raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-    for descriptor in range(3):
+    for descriptor, flags in enumerate((os.O_RDONLY, os.O_RDONLY, os.O_WRONLY)):
         try:
             os.fstat(descriptor)
         except OSError:
-            # Otherwise the next file that is opened would get this descriptor.
-            os.open(os.devnull, os.O_RDWR)
-    if sys.stdin is None:
-        sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
-    if sys.stdout is None:
-        sys.stdout = ClosedOutput()
-    if sys.stderr is None:
-        sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+            # Otherwise the next file would get this descriptor. Writing to standard output fails.
+            os.open(os.devnull, flags)
+    sys.stdin = sys.stdin or open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -115,17 +107,9 @@ def check_memory() -> None:
         mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=0).close()
 
 
-def unwritable_stdout(error: OSError) -> FileError:
-    """The error for a standard output that cannot be written; not every command has `-o`."""
-    return FileError(
-        f"{STDOUT} cannot be written: {reason_of(error)}; redirect it to another place"
-    )
-
-
 def abandon_stdout() -> None:
     """Discard what is still buffered for standard output, so that exit stays quiet."""
-    if not isinstance(sys.stdout, ClosedOutput):
-        abandon(sys.stdout.fileno())
+    abandon(sys.stdout.fileno())
 
 
 def abandon(descriptor: int) -> None:
@@ -227,9 +211,9 @@ def ending_signals(
 
     def request(*_: object) -> None:
         nonlocal requested
-        if not requested:
-            requested = True
-            begin_alarms()
+        if POSIX and not requested:
+            signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
+        requested = True
         stop()
 
     def on_signal(*_: object) -> None:
@@ -237,43 +221,23 @@ def ending_signals(
         if hurry is not None:
             hurry()
 
-    ignored = [number for number in HANG_UP if signal.getsignal(number) is signal.SIG_IGN]
-    numbers = [number for number in numbers if number not in ignored]
-    with _alarms(stop) as begin_alarms:
-        before = [signal.signal(number, on_signal) for number in numbers]
-        try:
-            yield request
-        finally:
-            for number, handler in zip(numbers, before, strict=True):
-                signal.signal(number, signal.SIG_IGN if requested else handler)
-
-
-@contextmanager
-def _alarms(stop: Callable[[], None]) -> Iterator[Callable[[], None]]:
-    """Context whose value begins the alarms, which abandon blocked outputs and call `stop`.
-
-    Outputs are abandoned after the context too. Windows has no alarms.
-    """
-    if not POSIX:
-        yield lambda: None
-        return
-    begun = False
-
-    def begin() -> None:
-        nonlocal begun
-        begun = True
-        signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
-
     def on_alarm(*_: object) -> None:
         abandon_blocked()
         stop()
 
-    before = signal.signal(signal.SIGALRM, on_alarm)
+    ignored = [number for number in HANG_UP if signal.getsignal(number) is signal.SIG_IGN]
+    handlers: dict[signal.Signals, Callable[..., None]]
+    handlers = {number: on_signal for number in numbers if number not in ignored}
+    if POSIX:
+        handlers[signal.SIGALRM] = on_alarm
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        yield begin
+        yield request
     finally:
-        signal.signal(signal.SIGALRM, (lambda *_: abandon_blocked()) if begun else before)
-        if begun:
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_IGN if requested else handler)
+        if POSIX and requested:
+            signal.signal(signal.SIGALRM, lambda *_: abandon_blocked())
             # During interpreter shutdown no Python handler runs; SIGALRM would kill.
             atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 
@@ -288,63 +252,45 @@ _LONGEST_WAIT_S: Final = 1.0
 _ERASE: Final = "\r\x1b[K"
 
 
-class ProgressLine:
-    """Shows a `Progress` while it takes long."""
-
-    def __init__(self, progress: Progress) -> None:
-        """Show nothing yet."""
-        self.progress = progress
-        self._ended, self._start = Event(), monotonic()
-        self._thread = Thread(target=self._run, name="shows progress", daemon=True)
-
-    def begin(self) -> None:
-        """Show the progress after a while."""
-        self._thread.start()
-
-    def end(self) -> None:
-        """Erase the line for good."""
-        self._ended.set()
-        if self._thread.is_alive():
-            self._thread.join(_LONGEST_WAIT_S)
-
-    def _run(self) -> None:
-        if self._ended.wait(PATIENCE_S):
-            return
-        try:
-            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-            while not self._ended.wait(_INTERVAL_S):
-                text = progress_text(self.progress, monotonic() - self._start)
-                print(f"{_ERASE}{text[: columns - 1]}", end="", file=sys.stderr, flush=True)
-            print(_ERASE, end="", file=sys.stderr, flush=True)
-        except OSError:
-            abandon(sys.stderr.fileno())
-
-
 @contextmanager
-def progress_line(*, shown: bool = True) -> Iterator[ProgressLine]:
-    """Context that shows a new `Progress` while the commands in it read files.
+def progress_line(*, shown: bool = True) -> Iterator[Progress]:
+    """Context that shows its value, a new `Progress`, while the commands in it read files.
 
     It shows nothing unless standard error is a terminal, or without `shown`.
     """
     from fte_sniff.session.inputs import Progress
 
-    line = ProgressLine(Progress())
+    progress, ended, start = Progress(), Event(), monotonic()
+
+    def show() -> None:
+        if ended.wait(PATIENCE_S):
+            return
+        try:
+            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+            while not ended.wait(_INTERVAL_S):
+                text = progress_text(progress, monotonic() - start)
+                print(f"{_ERASE}{text[: columns - 1]}", end="", file=sys.stderr, flush=True)
+            print(_ERASE, end="", file=sys.stderr, flush=True)
+        except OSError:
+            abandon(sys.stderr.fileno())
+
+    thread = Thread(target=show, name="shows progress", daemon=True)
     if shown and sys.stderr.isatty():
-        line.begin()
+        thread.start()
     try:
-        yield line
+        yield progress
     finally:
-        line.end()
+        ended.set()
+        if thread.is_alive():
+            thread.join(_LONGEST_WAIT_S)
 
 
 def progress_text(progress: Progress, seconds: float) -> str:
-    """The line after some seconds: `reading  40%  1,200 rows, 120 rows/s  0:00:15 left`."""
-    parts, share = [printable(progress.step or "reading")], 0.0
-    if progress.total and not progress.step:
-        share = min(1.0, progress.rows / progress.total)
-        parts.append(f"{share:.0%}")
+    """The line after some seconds: `reading  1,200 rows  40%  0:00:15 left`."""
+    text = printable(progress.step or "reading")
     if progress.rows:
-        parts.append(f"{progress.rows:,} rows, {progress.rows / seconds:,.0f} rows/s")
-    if share >= 0.001:  # before that, the speed is not known
-        parts.append(f"{timedelta(seconds=round(seconds / share - seconds))} left")
-    return "  ".join(parts)
+        text += f"  {progress.rows:,} rows"
+    share = min(1.0, progress.rows / progress.total) if progress.total else 0.0
+    if share >= 0.001 and not progress.step:  # before that, the speed is not known
+        text += f"  {share:.0%}  {timedelta(seconds=round(seconds / share - seconds))} left"
+    return text

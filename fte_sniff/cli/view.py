@@ -82,8 +82,8 @@ def command(
     from fte_sniff.tui.options import StartOptions
 
     wanted, paths = query.row_filter(), query.paths()
-    with progress_line() as line:
-        reading = query.read(None, progress=line.progress, following=following)
+    with progress_line() as progress:
+        reading = query.read(None, progress=progress, following=following)
         items = iter(reading)
         # The first rows are read now, so that an error comes before the screen.
         opening_items = _up_to_rows(items)

@@ -66,7 +66,7 @@ def test_a_closed_output_is_one_line(bash, command: str) -> None:
     codes, _, errors = bash(f"{command} >&-")
     assert codes == "4"
     assert errors.count("\n") == 1
-    assert "standard output is closed" in errors
+    assert "standard output cannot be written: Bad file descriptor; redirect it" in errors
 
 
 @pytest.mark.parametrize("command", first(4, WRITERS))
