@@ -20,6 +20,7 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
@@ -59,6 +60,7 @@ def table_texts() -> Iterator[str]:
     yield from (Role.SPEED, Role.POSITION)
     yield from (event_words(kind) for kind in PortEventKind)
     yield from (one.value for one in Trouble)
+    yield from map(str, Cause)
     for style in TimeStyle:
         yield from (style, style.meaning)
     yield from (sign.meaning for sign in Sign)

@@ -6,13 +6,12 @@ A window has a power of two of nanoseconds, about a second; in long recordings i
     count   `missed 3`     commands of motor 3 without an answer
     range   `target speed 3`, and of the times of events: the lowest and the highest value
 
-`counted` counts a table in the shortest windows; the counts of several tables add up. What is late
-is known only then, so the delays of answers are kept by bin.
+`counted` counts a table in the shortest windows; the counts of several tables add up. What is late,
+silent or off target is known only then: `Events` derives these columns from the sum.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any, Final, NamedTuple
 
@@ -27,12 +26,14 @@ from fte_sniff.analysis.relations import (
     LATE,
     NAMES_MOTOR,
     AnswerState,
+    is_off_target,
+    motor_hints,
     values_at,
 )
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed, width_of
 from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
     KINDS,
@@ -63,17 +64,22 @@ LATE_SHARE: Final = 0.05
 LATE_RATIO: Final = 3.0
 """How much larger this share is at least than before, or than that of each other motor."""
 
+EXPECTED: Final = 6
+"""Feedback of a motor in a window from which on its absence is silence."""
+
+SETTLES: Final = 3
+"""Windows before one whose targets a motor may still move to."""
+
+VALUES: Final = (Role.SPEED, Role.POSITION)
+"""The roles of values that have targets."""
+
 _LEAST_JUMP: Final = 64
-NO_TIMES: Final[Ints] = np.zeros(0, np.int64)
-_FLAGS: Final = (Role.ERRORS, Role.ONLINE)
 _ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
-OF_PORT: Final = (
-    PortEventKind.LINE_ERROR,
-    PortEventKind.OVERRUN,
-    PortEventKind.SILENT,
-    PortEventKind.SHARED,
+_OF_PORT: Final = (
+    *(PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.SILENT),
+    *(PortEventKind.SHARED, PortEventKind.LOST, PortEventKind.FOUND_AGAIN),
 )
-"""Port events that are counted by window."""
+"""Port events that are counted."""
 
 COLUMN_OF: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback"}
 """The column of a port with the frames of a direction."""
@@ -82,13 +88,8 @@ COLUMN_OF: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback
 def by_role(role: Role, *, target: bool) -> list[FrameKind]:
     """The kinds that name a motor and have a target, or a present value, of that role."""
     direction = Direction.CONTROL if target else Direction.FEEDBACK
-    return [
-        kind
-        for kind in KINDS
-        if kind.direction is direction
-        and kind.names_motor
-        and any(one.role is role and one.name == kind.subject for one in kind.fields)
-    ]
+    found = [one for one in KINDS if one.direction is direction and one.names_motor]
+    return [one for one in found if one.subject == NAME_OF_ROLE[role]]
 
 
 # Events that depend on the frames beside them; none of them spans a gap
@@ -122,19 +123,23 @@ def irregular(t_ns: Ints, runs: Ints) -> Bools:
     return np.concatenate(([False, False], changes))[: len(t_ns)]
 
 
-def is_late(own: tuple[int, int], others: Sequence[tuple[int, int]]) -> bool:
-    """Whether the late ones among the answers of a motor are more than usual, and than chance.
+def is_more(
+    own: tuple[int, int],
+    other: tuple[int, int],
+    least: float = LATE_SHARE,
+    ratio: float = LATE_RATIO,
+) -> bool:
+    """Whether a share of events, late answers by default, is larger than another, and than chance.
 
     Args:
-        own: late answers, and answers.
-        others: those of earlier times, or of other motors; any of them that has less decides.
+        own: events, and rows.
+        other: those of an earlier time, or of another motor.
+        least: the share from which on it is more.
+        ratio: how much larger than the other one it is at least.
     """
-    late, answers = own
-    return any(
-        late > max(LATE_SHARE, LATE_RATIO * events / max(1, rows)) * answers
-        and surprise((events, rows), own) >= LEAST_SCORE
-        for events, rows in others
-    )
+    (events, rows), (others, all_) = own, other
+    is_large = events > max(least, ratio * others / max(1, all_)) * rows
+    return is_large and surprise(other, own) >= LEAST_SCORE
 
 
 # Counting
@@ -145,29 +150,23 @@ class _Counter:
 
     def __init__(self, t_ns: Ints, own: Bools) -> None:
         self.t_ns, self._own = t_ns, own
-        self._windows, self._at = np.unique(t_ns >> SHIFT, return_inverse=True)
-        self._found = [("", "", *[NO_TIMES] * 4)]
+        self._windows = t_ns >> SHIFT << SHIFT
+        none = np.zeros(0, np.int64)
+        self._found = [("", "", none, none, none, none)]
 
-    def add(self, name: str, at: Ints, values: Ints | None = None, port: str = "") -> None:
+    def add(self, name: object, at: Ints, values: Ints | None = None, port: str = "") -> None:
         """Count rows by index; `values` of them, by default their times, make the range."""
         own = self._own[at]
         at, values = at[own], (self.t_ns[at] if values is None else values)[own]
-        if not len(at):
-            return
-        windows = self._at[at]
+        windows = self._windows[at]
         if (windows[1:] < windows[:-1]).any():
             order = np.argsort(windows, kind="stable")
             windows, values = windows[order], values[order]
-        starts = np.flatnonzero(np.append(True, windows[1:] != windows[:-1]))
-        counts = np.diff(starts, append=len(windows))
-        low, high = (one.reduceat(values, starts) for one in (np.minimum, np.maximum))
-        self._found.append((port, name, self._windows[windows[starts]], counts, low, high))
-
-    def add_event(self, one: PortEvent) -> None:
-        """Count what happened to a port."""
-        t_ns = np.array([one.t_ns])
-        count = np.ones_like(t_ns)
-        self._found.append((one.port, str(one.kind), t_ns >> SHIFT, count, t_ns, t_ns))
+        starts = np.flatnonzero(np.append(True, windows[1:] != windows[:-1])[: len(windows)])
+        if len(starts):
+            counts = np.diff(starts, append=len(windows))
+            low, high = (one.reduceat(values, starts) for one in (np.minimum, np.maximum))
+            self._found.append((port, str(name), windows[starts], counts, low, high))
 
     def frame(self) -> pl.DataFrame:
         """All columns, one below the other."""
@@ -180,71 +179,58 @@ class _Counter:
 
 
 def counted(table: Table) -> Counts:
-    """The counts of a table: `windows`, `delays`, `lost`, and those of `extent_of`."""
+    """The counts of a table: `windows`, `delays`, and those of `extent_of`."""
     timed = np.flatnonzero(table.rows.timed)
-    rows, runs = table.with_facts.select(timed), table.runs.number[timed]
+    rows, runs = table.rows.select(timed), table.runs.number[timed]
+    hints = motor_hints(table.rows, table.runs)[timed]
     is_own = (timed >= table.start) & (timed < table.stop)
     counter = _Counter(rows.t_ns, is_own)
     for code in np.unique(rows.port[is_own]).tolist():
-        _count_port(counter, rows, runs, np.flatnonzero(rows.port == code), rows.ports[code])
+        _count_port(counter, rows, hints, code)
     delays = _count_answers(counter, table, np.cumsum(table.rows.timed) - 1)
     _count_motors(counter, rows, runs)
-    for one in table.events:
-        if one.kind in OF_PORT:
-            counter.add_event(one)
-    lost = [
-        (one.port, one.t_ns, str(one.kind))
-        for one in table.events
-        if one.kind in (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
-    ]
-    schema = {"port": pl.String, "t_ns": pl.Int64, "kind": pl.String}
-    return {
-        "windows": counter.frame(),
-        "delays": delays,
-        "lost": pl.DataFrame(lost, schema, orient="row").unique(maintain_order=True),
-        **extent_of(table),
-    }
+    own = [one for one in table.events if one.kind in _OF_PORT]
+    of_ports = _Counter(np.array([one.t_ns for one in own], np.int64), np.ones(len(own), np.bool_))
+    for at, one in enumerate(own):
+        of_ports.add(one.kind, np.array([at]), port=one.port)
+    windows = pl.concat([counter.frame(), of_ports.frame()])
+    return {"windows": windows, "delays": delays, **extent_of(table)}
 
 
 ANALYSIS: Final = Analysis(counted, summed)
 
 
-def _count_port(counter: _Counter, rows: Rows, runs: Ints, own: Ints, port: str) -> None:
+def _count_port(counter: _Counter, rows: Rows, hints: Ints, code: int) -> None:
     """Count the rows and the damage of a port."""
-    kinds, directions, hints = rows.kinds[own], rows.directions[own], rows.motor_hint[own]
-    is_damaged, faults = rows.is_malformed[own], rows.faults[own]
-    motors = np.where(is_damaged, hints, np.where(NAMES_MOTOR[kinds], rows.nums[own], 0))
-    after = is_damaged[1:] & is_damaged[:-1] & (runs[own][1:] == runs[own][:-1])
-    found = {
-        "rows": directions == directions,
-        "damaged": is_damaged,
-        "burst": np.append(False, after)[: len(own)],
-    }
+    own, port = np.flatnonzero(rows.port == code), rows.ports[code]
+    kinds, directions, faults = rows.kinds[own], rows.directions[own], rows.faults[own]
+    is_damaged = rows.is_malformed[own]
+    motors = np.where(is_damaged, hints[own], np.where(NAMES_MOTOR[kinds], rows.nums[own], 0))
+    counter.add("rows", own, port=port)
+    counter.add("damaged", own[is_damaged], port=port)
     for motor in MOTORS:
-        found[f"rows {motor}"] = motors == motor
-        found[f"damaged {motor}"] = is_damaged & (motors == motor)
-    for code, direction in enumerate(Direction):
-        found[COLUMN_OF[direction]] = directions == code
-        found[f"damaged {direction}"] = is_damaged & (directions == code)
+        counter.add(f"rows {motor}", own[motors == motor], port=port)
+        counter.add(f"damaged {motor}", own[is_damaged & (motors == motor)], port=port)
+    for number, direction in enumerate(Direction):
+        counter.add(COLUMN_OF[direction], own[directions == number], port=port)
+        counter.add(f"damaged {direction}", own[is_damaged & (directions == number)], port=port)
     for fault in Fault:
-        found[f"fault {fault}"] = faults & fault_bits([fault]) != 0
-    for name, which in found.items():
-        counter.add(name, own[which], port=port)
+        counter.add(f"fault {fault}", own[faults & fault_bits([fault]) != 0], port=port)
 
 
 def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame:
     """Count commands and answers; `index` is that among the rows with times. Returns delays."""
     found = table.answers.filter(pl.col("cmd").is_in(ANSWERABLE)).drop_nulls("t_ns")
-    found = found.with_columns(at=pl.Series(index[found["command"].to_numpy()]))
+    at, of = index[found["command"].to_numpy()], found["motor"].to_numpy()
+    states = found["state"].to_numpy()
     for motor in MOTORS:
-        own = found.filter(pl.col("motor") == motor)
-        at, states = own["at"].to_numpy(), own["state"].to_numpy()
-        counter.add(f"commands {motor}", at)
-        counter.add(f"asked {motor}", at[states <= AnswerState.UNANSWERED])
-        counter.add(f"missed {motor}", at[states == AnswerState.UNANSWERED])
+        counter.add(f"commands {motor}", at[of == motor])
+        counter.add(f"asked {motor}", at[(of == motor) & (states <= AnswerState.UNANSWERED)])
+        counter.add(f"missed {motor}", at[(of == motor) & (states == AnswerState.UNANSWERED)])
     timed = found.drop_nulls("delay_ns")
     bins = pl.Series(bins_of(timed["delay_ns"].to_numpy(), COARSE), dtype=pl.Int64)
-    return timed.group_by("motor", "kind", window=pl.col("t_ns") // (1 << SHIFT), bin=bins).agg(
+    window = pl.col("t_ns") // (1 << SHIFT) * (1 << SHIFT)
+    return timed.group_by("motor", "kind", window=window, bin=bins).agg(
         pl.len().cast(pl.Int64).alias("sum count"),
         pl.col("t_ns").min().alias("least low"),
         pl.col("t_ns").max().alias("greatest high"),
@@ -253,44 +239,43 @@ def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame
 
 def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
     kinds, nums, anyone = rows.kinds, rows.nums, np.flatnonzero(FEEDBACK[rows.kinds])
-    of_feedback = {role: values_at(rows, NAME_OF_ROLE[role], anyone) for role in _FLAGS}
-    online, every = of_feedback[Role.ONLINE], of_feedback[Role.ERRORS]
+    online, every = (
+        values_at(rows, NAME_OF_ROLE[one], anyone) for one in (Role.ONLINE, Role.ERRORS)
+    )
     counter.add("feedback", anyone)
     counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
-    to_all = COMMANDS[kinds] & ~NAMES_MOTOR[kinds]
+    counter.add("free", np.flatnonzero(COMMANDS[kinds] & ~NAMES_MOTOR[kinds]))
+    for code, kind in enumerate(KINDS):
+        own = np.flatnonzero(kinds == code)
+        for motor in (MOTORS if kind.names_motor else (None,)) if COMMANDS[code] else ():
+            at = own[nums[own] == motor] if motor else own
+            counter.add(f"period {motor} {kind.name}", at)
+            counter.add(f"irregular {motor} {kind.name}", at[irregular(rows.t_ns[at], runs[at])])
     for motor in MOTORS:
-        mine = nums == motor
-        feedback, errors = anyone[mine[anyone]], every[mine[anyone]]
+        mine = nums[anyone] == motor
+        feedback, errors = anyone[mine], every[mine]
         off = ~online >> motor_bit(motor) & 1
+        raised = running(errors, runs[feedback])
+        counter.add(f"feedback {motor}", feedback)
         counter.add(f"flagged {motor}", feedback[errors != 0])
         counter.add(f"lacking {motor}", anyone[off == 1])
-        raised = running(errors, runs[feedback])
-        counter.add(f"free {motor}", np.flatnonzero(to_all))
-        counter.add(f"feedback {motor}", feedback)
+        counter.add(f"offline {motor}", anyone[running(off, runs[anyone])])
         counter.add(f"raised {motor}", feedback[raised])
         for bit in range(8):
             counter.add(f"raised {motor} bit {bit}", feedback[raised & (errors >> bit & 1 == 1)])
-        counter.add(f"offline {motor}", anyone[running(off, runs[anyone])])
-        for code, kind in enumerate(KINDS):
-            at = np.flatnonzero((kinds == code) & (mine | ~NAMES_MOTOR[kinds]))
-            if COMMANDS[code] and (kind.names_motor or motor == MOTORS[0]):
-                counter.add(f"period {motor} {kind.name}", at)
-                uneven = at[irregular(rows.t_ns[at], runs[at])]
-                counter.add(f"irregular {motor} {kind.name}", uneven)
-        for role, is_target in product((Role.SPEED, Role.POSITION), (True, False)):
-            for kind in by_role(role, target=is_target):
-                at = np.flatnonzero(mine & (kinds == KINDS.index(kind)))
-                values = values_at(rows, NAME_OF_ROLE[role], at)
-                counter.add(f"{'target' if is_target else 'present'} {role} {motor}", at, values)
-                if not is_target:
-                    counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])
+    for motor, role, is_target in product(MOTORS, VALUES, (True, False)):
+        for kind in by_role(role, target=is_target):
+            at = np.flatnonzero((nums == motor) & (kinds == KINDS.index(kind)))
+            values = values_at(rows, NAME_OF_ROLE[role], at)
+            counter.add(f"{'target' if is_target else 'present'} {role} {motor}", at, values)
+            if not is_target:
+                counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])
 
 
 def since(counts: Counts, t_ns: int) -> dict[str, pl.DataFrame]:
     """The counts of the windows from a time on."""
-    recent = pl.col("window") >= t_ns >> SHIFT
-    later = {name: counts[name].filter(recent) for name in ("windows", "delays")}
-    return {**counts, **later, "lost": counts["lost"].filter(pl.col("t_ns") >= t_ns)}
+    recent = pl.col("window") >= t_ns >> SHIFT << SHIFT
+    return {**counts, **{name: counts[name].filter(recent) for name in ("windows", "delays")}}
 
 
 # Reading
@@ -307,28 +292,30 @@ class EventCounts(NamedTuple):
 class Windows:
     """The columns of a port, or of all motors, as arrays over the windows in which rows are."""
 
-    def __init__(self, columns: pl.DataFrame, keys: Ints, shift: int) -> None:
-        """`keys` are the starts of the windows, shifted by `shift`, rising."""
-        self.shift, self._keys = shift, keys
-        self.starts_ns = keys << shift
+    def __init__(self, columns: pl.DataFrame, starts_ns: Ints, width_ns: int) -> None:
+        self.starts_ns = starts_ns
         """The start of each window, rising."""
-        self.width_ns = 1 << shift
-        self._columns = columns.partition_by("name", as_dict=True, include_key=False)
+        self.width_ns = width_ns
+        self._frames = columns.partition_by("name", as_dict=True, include_key=False)
+        self._made = dict[str, EventCounts]()
 
     def __len__(self) -> int:
-        return len(self._keys)
+        return len(self.starts_ns)
 
     def __getitem__(self, name: str) -> EventCounts:
         """A column; without an event its range is the other way round."""
-        found = EventCounts(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
-        if (own := self._columns.get((name,))) is not None and len(self):
-            keys = own["window"].to_numpy() >> (self.shift - SHIFT)
-            at = np.minimum(np.searchsorted(self._keys, keys), len(self) - 1)
-            names = ("sum count", "least low", "greatest high")
-            ufuncs = (np.add, np.minimum, np.maximum)
-            for values, column, ufunc in zip(found, names, ufuncs, strict=True):
-                ufunc.at(values, at, own[column].to_numpy())
-        return found
+        if name not in self._made:
+            found = EventCounts(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
+            if (own := self._frames.get((name,))) is not None and len(self):
+                at = np.searchsorted(self.starts_ns[1:], own["window"].to_numpy(), "right")
+                np.add.at(found.events, at, own["sum count"].to_numpy())
+                np.minimum.at(found.low, at, own["least low"].to_numpy())
+                np.maximum.at(found.high, at, own["greatest high"].to_numpy())
+            self._made[name] = found
+        return self._made[name]
+
+    def __setitem__(self, name: str, counts: EventCounts) -> None:
+        self._made[name] = counts
 
     def total(self, name: str) -> int:
         """The number of events of a column."""
@@ -341,25 +328,23 @@ class Events:
     def __init__(self, counts: Counts) -> None:
         columns, self.hidden_by = counts["windows"], counts["hidden"]["hidden_by"].to_list()
         self.extent: dict[str, Any] = counts["extent"].row(0, named=True)
-        rows = columns.filter(pl.col("name") == "rows")
-        keys = np.unique(rows["window"].to_numpy())
-        shift = SHIFT + (longer := width_of(keys))
+        starts = columns["window"].unique().sort().to_numpy()
+        width_ns = 1 << max(SHIFT, width_of(starts))
         self.usual, late = _late(counts["delays"])
         """By motor and kind of command, the median answer time, nanoseconds."""
         own = pl.concat([chosen(columns, port="").drop("port"), late])
-        self.windows = Windows(own, keys >> longer, shift)
+        self.windows = Windows(own, starts, width_ns)
         """What is about motors."""
         self.ports = {
-            port: Windows(
-                chosen(columns, port=port).drop("port"),
-                np.unique(chosen(rows, port=port)["window"].to_numpy() >> longer),
-                shift,
-            )
-            for port in rows["port"].unique(maintain_order=True)
+            port: Windows(chosen(columns, port=port).drop("port"), starts, width_ns)
+            for port in columns["port"].unique(maintain_order=True)
+            if port
         }
         """What is about each port."""
-        self.lost = list(_lost(counts["lost"]))
-        """Ports that were lost: from when, and until when."""
+        for motor in MOTORS:
+            _derive_silences(self.windows, motor)
+            for role in VALUES:
+                _derive_off_target(self.windows, motor, role)
 
 
 def _late(delays: pl.DataFrame) -> tuple[dict[tuple[int, str], float], pl.DataFrame]:
@@ -370,8 +355,7 @@ def _late(delays: pl.DataFrame) -> tuple[dict[tuple[int, str], float], pl.DataFr
         counts = own.group_by("bin").agg(pl.col("sum count").sum()).sort("bin")
         total = counts["sum count"].cum_sum()
         median = counts["bin"].to_numpy()[total.search_sorted(total[-1] / 2)]
-        usual_ns = float(middles(np.array([median]), COARSE)[0])
-        usual[int(motor), KINDS[kind].name] = usual_ns
+        usual[int(motor), KINDS[kind].name] = float(middles(np.array([median]), COARSE)[0])
         # A bin further by an octave has twice the durations.
         octaves = (1 << COARSE) * int(np.log2(LATE))
         which = {"timed": own, "late": own.filter(pl.col("bin") >= median + octaves)}
@@ -382,11 +366,48 @@ def _late(delays: pl.DataFrame) -> tuple[dict[tuple[int, str], float], pl.DataFr
     return usual, pl.concat([pl.DataFrame(schema=schema), *found])
 
 
-def _lost(events: pl.DataFrame) -> Iterator[tuple[str, int, int | None]]:
-    """Ports that were lost: from when, and until when; None if they were not found again."""
-    for own in events.sort("t_ns").partition_by("port", maintain_order=True):
-        rows = own.to_dicts()
-        for one, after in zip(rows, [*rows[1:], None], strict=True):
-            if one["kind"] == PortEventKind.LOST:
-                is_found = after is not None and after["kind"] == PortEventKind.FOUND_AGAIN
-                yield one["port"], one["t_ns"], after["t_ns"] if is_found and after else None
+def _derive_silences(windows: Windows, motor: int) -> None:
+    """Add `silent`: windows without feedback of a motor, and `active`: with commands to it."""
+    commands, feedback = windows[f"commands {motor}"], windows[f"feedback {motor}"]
+    active, answers = commands.events > 0, feedback.events > 0
+    if not (active & answers).any():
+        return
+    usual = max(1, int(np.median(feedback.events[active & answers])))
+    width = max(1, -(-EXPECTED // usual))
+    recent = np.convolve(feedback.events, np.ones(width), "full")[: len(answers)]
+    # It begins with the last feedback, unless the host paused meanwhile; and ends with the next.
+    starts, near = windows.starts_ns, (width + 1) * windows.width_ns
+    before = np.maximum.accumulate(feedback.high)
+    after = np.minimum.accumulate(feedback.low[::-1])[::-1]
+    windows[f"active {motor}"] = commands._replace(events=active.astype(np.int64))
+    windows[f"silent {motor}"] = EventCounts(
+        (active & (recent < 0.5)).astype(np.int64),
+        np.where(before > starts - near, before, commands.low),
+        np.where(after < starts + windows.width_ns + near, after, commands.high),
+    )
+
+
+def _derive_off_target(windows: Windows, motor: int, role: Role) -> None:
+    """Add `off`: windows with present values that are all outside of the recent targets.
+
+    `held` are those in which a motor has targets that it may follow.
+    """
+    target, present = (windows[f"{word} {role} {motor}"] for word in ("target", "present"))
+    asked = target.events > 0
+    held = asked & (present.events > 0) & (_recent(windows["free"].events) <= 0)
+    lows = -_recent(np.where(asked, -target.low, -(2**62)))
+    highs = _recent(np.where(asked, target.high, -(2**62)))
+    off = held.copy()
+    off[held] = is_off_target(
+        (present.low[held], present.high[held]), (lows[held], highs[held]), role
+    )
+    feedback = windows[f"feedback {motor}"]
+    windows[f"held {role} {motor}"] = feedback._replace(events=held.astype(np.int64))
+    windows[f"off {role} {motor}"] = feedback._replace(events=off.astype(np.int64))
+
+
+def _recent(values: Ints) -> Ints:
+    """The highest value of each window and of `SETTLES` before it."""
+    padded = np.concatenate((np.full(SETTLES, -(2**62)), values))
+    found: Ints = np.max([padded[by:][: len(values)] for by in range(SETTLES + 1)], axis=0)
+    return found

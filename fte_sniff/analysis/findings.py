@@ -1,8 +1,8 @@
 """Findings: the spans of time in which something is wrong, ranked.
 
-A cause is a column of events by window (`events`), beside a column of the rows that could have been
+A case is a column of events by window (`events`), beside a column of the rows that could have been
 events. `spans` finds where events are more frequent than elsewhere; flags, and events of a port,
-are a finding wherever they are. `_series` lists every column of every cause, with its sentence:
+are a finding wherever they are. `_CASES` lists every column of every cause, with its sentence:
 
     events -> _series -> _examined (spans, shares) -> ranked (one of each; effects left out)
 """
@@ -12,7 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import product
 from math import inf, log
+from string import Formatter
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -20,26 +22,19 @@ import numpy as np
 
 from fte_sniff.analysis.events import (
     COLUMN_OF,
+    LATE_RATIO,
+    LATE_SHARE,
     RUNNING,
-    EventCounts,
+    VALUES,
     Events,
     Windows,
     by_role,
-    is_late,
+    is_more,
 )
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.relations import DEADLINE_NS, LATE, is_off_target
+from fte_sniff.analysis.relations import DEADLINE_NS, LATE
 from fte_sniff.analysis.segments import Counts
-from fte_sniff.analysis.spans import (
-    ALPHA,
-    MOST_SPANS,
-    SERIES,
-    BadSpan,
-    divergence,
-    spans_of,
-    surprise,
-)
-from fte_sniff.analysis.table import MOTOR
+from fte_sniff.analysis.spans import MOST_SPANS, BadSpan, spans_of, surprise
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.i18n import later
 from fte_sniff.protocol import PortEventKind
@@ -47,7 +42,6 @@ from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
-    NAME_OF_ROLE,
     SUSPECT_FAULTS,
     Direction,
     Fault,
@@ -129,34 +123,7 @@ class Finding:
         return max(0.0, common / whole) if whole else float(common >= 0)
 
 
-class _Test(NamedTuple):
-    """When events of a cause are a finding."""
-
-    least_share: float = 0.02
-    """Share of rows that are events in a span, at least."""
-    whole_share: float = inf
-    """Share of events outside of spans from which on all of them are a finding."""
-    sure: int = 0
-    """Events that are a finding wherever they are; 0 if their frequency decides."""
-    pause_ns: int = 10_000_000_000
-    """Pause between sure events from which on they are of several spans."""
-    senders: Direction = Direction.CONTROL
-    """The direction of the frames whose port is named."""
-
-
-_TESTS: Final[Mapping[Cause, _Test]] = {
-    Cause.PORT: _Test(sure=1, pause_ns=60_000_000_000),
-    Cause.SILENCE: _Test(0.3, whole_share=0.15),
-    Cause.DAMAGE: _Test(whole_share=0.05),  # a sound line has none
-    Cause.OFFLINE: _Test(sure=RUNNING, senders=Direction.FEEDBACK),
-    Cause.ERROR_FLAG: _Test(sure=RUNNING, senders=Direction.FEEDBACK),
-    Cause.UNANSWERED: _Test(whole_share=0.15),
-    Cause.LATE: _Test(0.05),
-    Cause.OFF_TARGET: _Test(0.3, senders=Direction.FEEDBACK),
-    Cause.IRREGULAR_COMMANDS: _Test(0.1),
-    Cause.JUMP: _Test(senders=Direction.FEEDBACK),
-    Cause.UNLIKE_OTHERS: _Test(senders=Direction.FEEDBACK),
-}
+# Cases: the columns of each cause, and how to describe a span of them
 
 _LEAST_RATIO: Final = 3.0
 """How much more frequent events are in a finding than elsewhere."""
@@ -170,106 +137,400 @@ _CHANCE: Final = 0.001
 """Share of windows with a sure event by chance: a second of a flag is less than a minute of lost
 answers."""
 
+UNLIKE: Final = 2.0
+"""A motor is unlike the others if it is slower, or has more damage, by at least this factor."""
 
-class _Seen(NamedTuple):
-    """What a series has in a span."""
-
-    own: slice
-    """The windows of the span."""
-    events: int
-    rows: int
-    usual: float
-    first_ns: int
-    last_ns: int
-
+_LEAST_SLOWER_NS: Final = 2_000_000
+"""How much slower it is at least."""
 
 _Values = Mapping[str, object]
 
 
-class _Series(NamedTuple):
-    """The events of one cause by window, and how to describe a span of them."""
+class _Case(NamedTuple):
+    """Two columns, in whose names `{motor}`, `{kind}` or `{role}` stand for each of them."""
 
     cause: Cause
-    counted: EventCounts
-    rows: Ints
-    """By window, the rows that could have been events."""
+    events: str
+    rows: str
+    """The rows that could have been events."""
     form: str
     """Of the sentence, with names such as `events`, `rows`, `usual`, `motor`, `kind`."""
     filter: str
-    motor: int | None = None
-    kind: str | None = None
-    port: str | None = None
-    """None if the frames of the cause's senders tell it."""
-    values: _Values | Callable[[_Seen], _Values] = MappingProxyType({})
-    """Further values of the sentence; those of `form` and `filter` replace them."""
+    values: Callable[[_Series, slice], _Values] = lambda _series, _own: MappingProxyType({})
+    """Further values of the sentence about some windows; `form` and `filter` replace those here."""
+    least_share: float = 0.02
+    """Share of rows that are events in a span, at least."""
+    whole_share: float = inf
+    """Share of events outside of spans from which on all of them are a finding."""
     sure: int = 0
-    """Events at least, where not those of the test."""
+    """Events that are a finding wherever they are; 0 if their frequency decides."""
+    pause_ns: int = 10_000_000_000
+    """Pause between sure events from which on they are of several spans."""
+    senders: Direction = Direction.CONTROL
+    """The direction of the frames whose port is named."""
+    of_port: bool = False
+    """Whether each port has the columns."""
+    others: tuple[str, float, float] | None = None
+    """The sentence about a motor that has more than each other one, throughout: if it has this
+    share, and this many times the share of the other."""
 
-    def described(self, seen: _Seen) -> tuple[TranslatableText, str]:
-        """The sentence and the filter of a span."""
-        values = dict(self.values(seen) if callable(self.values) else self.values)
-        form, shown = values.pop("form", self.form), values.pop("filter", self.filter)
-        names = {"motor": self.motor, "kind": self.kind, "usual": _usually(seen.usual)}
-        numbers = {"events": f"{seen.events:,}", "rows": f"{seen.rows:,}"}
-        return TranslatableText(str(form), **{**names, **numbers, **values}), str(shown)
+
+class _Series(NamedTuple):
+    """The events of a case: of one motor, kind or role, on one port."""
+
+    case: _Case
+    all: Events
+    windows: Windows
+    names: Mapping[str, Any]
+    port: str | None
+
+    def column(self, name: str) -> str:
+        """The name of a column, in which names of the case stand for its own."""
+        return name.format(**self.names)
+
+    @property
+    def counted(self) -> tuple[Ints, Ints, Ints]:
+        """By window the events, and their first and last time."""
+        return self.windows[self.column(self.case.events)]
+
+    @property
+    def rows(self) -> Ints:
+        """By window the rows that could have been events."""
+        return self.windows[self.column(self.case.rows)].events
+
+    def events_in(self, name: str, own: slice) -> int:
+        """The events of another column in some windows."""
+        return int(self.windows[self.column(name)].events[own].sum())
+
+    @property
+    def topic(self) -> tuple[str, str | None, str | None]:
+        """What the series of several motors have in common."""
+        return self.case.events, self.port, self.names.get("kind")
+
+    @property
+    def total(self) -> tuple[int, int]:
+        """All events and rows."""
+        return int(self.counted[0].sum()), int(self.rows.sum())
 
 
-def _sure_spans(series: _Series, test: _Test) -> Iterator[BadSpan]:
+def _damage(series: _Series, own: slice) -> _Values:
+    events, found = series.events_in(series.case.events, own), list[str]()
+    damage = [one for one in Fault if one not in SUSPECT_FAULTS]
+    for of, words, least in (("fault", damage, 0.0), ("damaged", Direction, _MOST)):
+        counts = {str(one): series.events_in(f"{of} {one}", own) for one in words}
+        best = max(counts, key=lambda word: counts[word])
+        found += [best] if counts[best] > least * events else []
+    return {"what": listed(found)}
+
+
+def _unanswered(series: _Series, own: slice) -> _Values:
+    found = dict[str, object]()
+    if series.events_in("missed {motor}", own) == series.windows.total(
+        series.column("asked {motor}")
+    ):
+        found["form"] = later(
+            "motor {motor} answered none of {rows} commands; other motors answered"
+        )
+    if series.events_in("free", own):
+        found["filter"] = "unanswered AND (motor = {motor} OR motor IS NULL)"
+    return found
+
+
+def _late(series: _Series, _own: slice) -> _Values:
+    usual_ns = series.all.usual[series.names["motor"], series.names["kind"]]
+    return {"limit": f"{LATE * usual_ns / 1e6:.3g}", "usual_ms": f"{usual_ns / 1e6:.2g}"}
+
+
+def _error_bits(series: _Series, own: slice) -> _Values:
+    bits = sum(1 << bit for bit in range(8) if series.events_in(f"raised {{motor}} bit {bit}", own))
+    return {"bits": f"{bits:02X}"}
+
+
+def _online_bit(series: _Series, _own: slice) -> _Values:
+    motor = series.names["motor"]
+    return {"bit": online_bit_text(motor), "mask": 1 << motor_bit(motor)}
+
+
+def _silence(series: _Series, own: slice) -> _Values:
+    (inside, low, high), windows = (one[own] for one in series.counted), series.windows
+    is_whole = inside.sum() == series.rows[own].sum()
+    ns = int(high.max() - low.min()) if is_whole else int(inside.sum()) * windows.width_ns
+    return {"seconds": f"{ns / 1e9:.0f}"}
+
+
+_PORT_EVENTS: Final = {
+    PortEventKind.LINE_ERROR: TranslatableText("the UART reported errors"),
+    PortEventKind.OVERRUN: TranslatableText("bytes were lost, since they were read too late"),
+    PortEventKind.SILENT: TranslatableText("the wire was silent"),
+    PortEventKind.SHARED: TranslatableText("another program had the port open"),
+}
+"""What happened to a port."""
+
+_FEEDBACK: Final = Direction.FEEDBACK
+
+_CASES: Final = (
+    *(
+        _Case(
+            *(Cause.PORT, kind, "rows", later("{meaning}, {events} times")),
+            "line_error" if kind is PortEventKind.LINE_ERROR else "",
+            lambda series, _own: {"meaning": _PORT_EVENTS[PortEventKind(series.case.events)]},
+            sure=3 if kind is PortEventKind.LINE_ERROR else 1,  # a few may come from a plug
+            pause_ns=60_000_000_000,
+            of_port=True,
+        )
+        for kind in _PORT_EVENTS
+    ),
+    _Case(
+        *(Cause.DAMAGE, "damaged", "rows"),
+        later("{events} of {rows} rows are damaged; {usual}; mostly {what}"),
+        "malformed",
+        _damage,
+        whole_share=0.05,  # a sound line has none
+        of_port=True,
+    ),
+    _Case(
+        *(Cause.DAMAGE, "damaged {motor}", "rows {motor}"),
+        later("motor {motor}: {events} of {rows} rows are damaged; {usual}; mostly {what}"),
+        "malformed AND motor_hint = {motor}",
+        _damage,
+        of_port=True,
+        others=(
+            later(
+                "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %"
+            ),
+            *(0.0, UNLIKE),
+        ),
+    ),
+    _Case(
+        *(Cause.UNANSWERED, "missed {motor}", "asked {motor}"),
+        later("motor {motor} answered {answered} of {rows} commands; {usual_answered}"),
+        "unanswered AND motor = {motor}",
+        _unanswered,
+        whole_share=0.15,
+    ),
+    _Case(
+        *(Cause.LATE, "late {motor} {kind}", "timed {motor} {kind}"),
+        later(
+            "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
+            " usually about {usual_ms} ms"
+        ),
+        "answer_ms >= {limit} AND kind = '{kind}' AND motor = {motor}",
+        _late,
+        least_share=0.05,
+        others=(
+            later(
+                "{own} % of the answers of motor {motor} to {kind} took {limit} ms or longer, twice"
+                " the median, of the other motors at most {others} %"
+            ),
+            *(LATE_SHARE, LATE_RATIO),
+        ),
+    ),
+    _Case(
+        *(Cause.ERROR_FLAG, "raised {motor}", "feedback {motor}"),
+        later("motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}"),
+        "motor = {motor} AND error != 0",
+        _error_bits,
+        sure=RUNNING,
+        senders=_FEEDBACK,
+    ),
+    _Case(
+        *(Cause.OFFLINE, "offline {motor}", "feedback"),
+        later("{bit} was 0 in {events} of {rows} frames; {usual}"),
+        "online & {mask} = 0",
+        _online_bit,
+        sure=RUNNING,
+        senders=_FEEDBACK,
+    ),
+    _Case(
+        *(Cause.SILENCE, "silent {motor}", "active {motor}"),
+        later("motor {motor} sent no feedback for {seconds} s while commands went on"),
+        "motor = {motor}",
+        _silence,
+        least_share=0.3,
+        whole_share=0.15,
+    ),
+    _Case(
+        *(Cause.OFF_TARGET, "off {role} {motor}", "held {role} {motor}"),
+        later(
+            "the {role} of motor {motor} was not near its target in {events} of {rows} s; {usual}"
+        ),
+        "motor = {motor}",
+        least_share=0.3,
+        senders=_FEEDBACK,
+    ),
+    _Case(
+        *(Cause.JUMP, "jump {role} {motor}", "present {role} {motor}"),
+        later(
+            "the {role} of motor {motor} jumped and came back {events} times in {rows} frames:"
+            " bytes changed on the line"
+        ),
+        "motor = {motor}",
+        senders=_FEEDBACK,
+    ),
+    _Case(
+        *(Cause.IRREGULAR_COMMANDS, "irregular None {kind}", "period None {kind}"),
+        later("{events} of {rows} periods of {kind} commands differ from the one before; {usual}"),
+        "kind = '{kind}'",
+        least_share=0.1,
+    ),
+    _Case(
+        *(Cause.IRREGULAR_COMMANDS, "irregular {motor} {kind}", "period {motor} {kind}"),
+        later(
+            "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one"
+            " before; {usual}"
+        ),
+        "kind = '{kind}' AND motor = {motor}",
+        least_share=0.1,
+    ),
+)
+
+_SLOWER: Final = _Case(
+    *(Cause.UNLIKE_OTHERS, "timed {motor} {kind}", "timed {motor} {kind}"),
+    later("motor {motor} answers {kind} after {own} ms (median), the others after {others} ms"),
+    "answer_ms >= {limit} AND kind = '{kind}' AND motor = {motor}",
+    senders=_FEEDBACK,
+)
+
+
+# The search
+
+_NAMES: Final = {
+    "motor": MOTORS,
+    "kind": [kind.name for kind in KINDS],
+    "role": [*map(TranslatableText, VALUES)],
+}
+
+
+def _series(events: Events) -> Iterator[_Series]:
+    """The events of all cases, where there are rows that could have been some."""
+    for case in _CASES:
+        keys = [key for _, key, *_ in Formatter().parse(case.events) if key]
+        for port in events.ports if case.of_port else (None,):
+            windows = events.windows if port is None else events.ports[port]
+            for values in product(*(_NAMES[key] for key in keys)):
+                one = _Series(case, events, windows, dict(zip(keys, values, strict=True)), port)
+                if one.rows.any():
+                    yield one
+
+
+def _sure_spans(series: _Series) -> Iterator[BadSpan]:
     """The spans of events that need no comparison, at most `MOST_SPANS`."""
-    counted = series.counted
-    hits = np.flatnonzero(counted.events)
-    pauses = counted.low[hits[1:]] - counted.high[hits[:-1]]
+    counts, low, high = series.counted
+    hits = np.flatnonzero(counts)
+    pauses = low[hits[1:]] - high[hits[:-1]]
     longest = np.argsort(-pauses, kind="stable")[: MOST_SPANS - 1]
-    cuts = np.sort(longest[pauses[longest] > test.pause_ns]) + 1
+    cuts = np.sort(longest[pauses[longest] > series.case.pause_ns]) + 1
     for own in np.split(hits, cuts) if len(hits) else ():
-        events = int(counted.events[own].sum())
-        if events >= (series.sure or test.sure):
+        events = int(counts[own].sum())
+        if events >= series.case.sure:
             yield BadSpan(log(events) - len(own) * log(_CHANCE), int(own[0]), int(own[-1]))
 
 
-def _examined(events: Events, series: _Series) -> Iterator[Finding]:
-    counts, rows, test = series.counted.events, series.rows, _TESTS[series.cause]
-    spans = [*_sure_spans(series, test)] if test.sure else spans_of(counts, rows > 0)
+def _examined(series: _Series) -> Iterator[Finding]:
+    (counts, _, _), rows, case = series.counted, series.rows, series.case
+    hits = np.flatnonzero(counts)
+    if not len(hits):
+        return
+    spans = [*_sure_spans(series)] if case.sure else spans_of(counts, rows > 0)
     outside = np.ones(len(rows), np.bool_)
     for _, first, last in spans:
         outside[first : last + 1] = False
-    usual = int(counts[outside].sum()) / max(1, int(rows[outside].sum()))
-    of_all = series.cause is not Cause.DAMAGE or series.motor is None
-    if of_all and usual >= test.whole_share and counts.sum() >= _LEAST_EVENTS:
-        hits = np.flatnonzero(counts)
-        spans, usual = [BadSpan(float(counts.sum()), int(hits[0]), int(hits[-1]))], 0.0
+    others = int(rows[outside].sum())
+    usual = int(counts[outside].sum()) / others if others else None
+    if (usual or 0.0) >= case.whole_share and counts.sum() >= _LEAST_EVENTS:
+        spans, usual = [BadSpan(float(counts.sum()), int(hits[0]), int(hits[-1]))], None
     for score, first, last in spans:
-        own = slice(first, last + 1)
-        found = _finding(events, series, own, usual, score)
-        least = max(test.least_share, _LEAST_RATIO * usual)
-        if test.sure or found.events >= found.rows * least:
+        found = _finding(series, slice(first, last + 1), usual, score)
+        least = max(case.least_share, _LEAST_RATIO * (usual or 0.0))
+        if case.sure or found.events >= found.rows * least:
             yield found
 
 
-def _finding(events: Events, series: _Series, own: slice, usual: float, score: float) -> Finding:
-    """The finding of a series in some windows."""
+def _finding(series: _Series, own: slice, usual: float | None, score: float) -> Finding:
+    """The finding of a series in some windows; `usual` is None if it is all over the recording."""
+    case, names = series.case, series.names
     inside, low, high = (one[own] for one in series.counted)
     ends = int(low.min()), int(high.max())
-    seen = _Seen(own, int(inside.sum()), int(series.rows[own].sum()), usual, *ends)
-    text, shown = series.described(seen)
-    port = series.port
-    if port is None:
-        port = _port_in(events, _TESTS[series.cause].senders, *ends)
+    events, rows = int(inside.sum()), int(series.rows[own].sum())
+    values = {
+        **names,
+        "events": f"{events:,}",
+        "rows": f"{rows:,}",
+        "answered": f"{rows - events:,}",
+        "usual": _usually(usual),
+        "usual_answered": _usually(None if usual is None else 1 - usual),
+        "form": case.form,
+        "filter": case.filter,
+        **case.values(series, own),
+    }
+    shown = str(values.pop("filter")).format(**values)
+    if series.port and len(series.all.ports) > 1:
+        shown = f"{shown} AND port = {quoted(series.port)}".removeprefix(" AND ")
+    kind = names.get("kind")
+    if role := names.get("role"):
+        kind = by_role(Role(role), target=case.cause is Cause.OFF_TARGET)[0].name
     return Finding(
-        *(series.cause, port, series.motor, series.kind, *ends, seen.events, seen.rows),
-        *(round(usual, 6), text, shown, score),
+        *(case.cause, series.port or _port_of(series), names.get("motor"), kind, *ends),
+        *(events, rows, round(usual or 0.0, 6)),
+        TranslatableText(str(values.pop("form")), **values),
+        *(shown, score),
     )
 
 
-def _port_in(events: Events, senders: Direction, first_ns: int, last_ns: int) -> str:
-    """The port with frames of a direction in a span; empty if there are several, or none."""
-    found = []
-    for port, windows in events.ports.items():
-        starts = windows.starts_ns
-        near = (starts <= last_ns) & (starts + windows.width_ns > first_ns)
-        if windows[COLUMN_OF[senders]].events[near].any():
-            found.append(port)
+def _usually(share: float | None) -> TranslatableText:
+    if share is None:
+        return TranslatableText("throughout the recording")
+    if share < 0.0005:
+        return TranslatableText("usually none")
+    if share > 0.9995:
+        return TranslatableText("usually all")
+    digits = 2 if share < 0.5 else 3
+    return TranslatableText("usually {percent} %", percent=f"{100 * share:.{digits}g}")
+
+
+def _port_of(series: _Series) -> str:
+    """The only port with frames of the direction in which the cause is; empty if there is none."""
+    column, ports = COLUMN_OF[series.case.senders], series.all.ports
+    found = [port for port, windows in ports.items() if windows.total(column)]
     return found[0] if len(found) == 1 else ""
+
+
+# A motor that is unlike the others all the time
+
+
+def _slower(events: Events) -> Iterator[Finding]:
+    """Motors whose median delay is at least twice that of each other one."""
+    for (motor, kind), own in events.usual.items():
+        medians = [ns for (of, name), ns in events.usual.items() if name == kind and of != motor]
+        others = max(medians, default=inf)
+        texts = {"own": f"{own / 1e6:.2g}", "others": f"{others / 1e6:.2g}"}
+        names = {"motor": motor, "kind": kind, "limit": f"{UNLIKE * others / 1e6:.3g}", **texts}
+        series = _Series(_SLOWER, events, events.windows, names, None)
+        is_slower = own >= max(UNLIKE * others, others + _LEAST_SLOWER_NS)
+        if is_slower and series.total[1] >= _LEAST_EVENTS:
+            yield _finding(series, slice(None), 0.0, float(series.total[1]))
+
+
+def _more(series: Sequence[_Series]) -> Iterator[Finding]:
+    """Motors with a larger share of events than each other one."""
+    for one in series:
+        if one.case.others is None:
+            continue
+        form, least, ratio = one.case.others
+        alike = [other.total for other in series if other is not one and other.topic == one.topic]
+        alike = [total for total in alike if total[1] >= _LEAST_EVENTS]
+        events, rows = own = one.total
+        if not alike or events < _LEAST_EVENTS:
+            continue
+        most = max(alike, key=lambda total: total[0] / total[1])
+        if is_more(own, most, least, ratio):
+            others = most[0] / most[1]
+            texts = {"own": f"{100 * events / rows:.2g}", "others": f"{100 * others:.2g}"}
+            case = one.case._replace(cause=Cause.UNLIKE_OTHERS, form=form, senders=_FEEDBACK)
+            # By window, as the scores of spans.
+            score = np.count_nonzero(one.counted[0]) / events * surprise(most, own)
+            unlike = one._replace(case=case, names={**one.names, **texts})
+            yield _finding(unlike, slice(None), others, score)
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,7 +541,7 @@ class Report:
     """Best first."""
     extent: Mapping[str, Any]
     """`sum rows`, `sum frames`, `sum timed`, and the times `least t` and `greatest t`."""
-    not_covered: Mapping[str, TranslatableText]
+    not_covered: Mapping[Cause, TranslatableText]
     """By cause, why it could not be examined."""
     counts: Mapping[Cause, int]
     """By cause, the rows that bear an event alone, whether or not they are in a finding."""
@@ -295,7 +556,11 @@ class Report:
         if not self.found:
             text = "no findings in {rows:,} rows; examined: {causes}"
             texts.append(
-                TranslatableText(text, rows=self.extent["sum rows"], causes=listed(covered))
+                TranslatableText(
+                    text,
+                    rows=self.extent["sum rows"],
+                    causes=listed(map(TranslatableText, covered)),
+                )
             )
             texts += self._not_findings()
         for causes, why in self.reasons():
@@ -305,7 +570,8 @@ class Report:
     def reasons(self) -> Iterator[tuple[str, TranslatableText]]:
         """The causes that could not be examined, in a list for each reason."""
         for why in dict.fromkeys(self.not_covered.values()):
-            yield listed(one for one, text in self.not_covered.items() if text == why), why
+            causes = [one for one, text in self.not_covered.items() if text == why]
+            yield listed(map(TranslatableText, causes)), why
 
     def _not_findings(self) -> Iterator[TranslatableText]:
         """What is counted, although it makes no finding."""
@@ -327,11 +593,8 @@ _COUNTED_AS: Final = {
 }
 
 
-def find(counts: Counts, *, grows: bool = False) -> Report:
-    """Look for the spans in which something is wrong, in what `events.counted` counted.
-
-    `grows` is whether rows may follow.
-    """
+def find(counts: Counts) -> Report:
+    """Look for the spans in which something is wrong, in what `events.counted` counted."""
     events = Events(counts)
     extent, why = events.extent, TranslatableText("")
     if not extent["sum rows"]:
@@ -341,20 +604,25 @@ def find(counts: Counts, *, grows: bool = False) -> Report:
     elif not extent["sum timed"]:
         why = TranslatableText("no row has a time; try --start")
     if why:
-        return Report([], extent, dict.fromkeys(map(str, Cause), why), {})
-    lost = list(_lost_ports(events, extent["greatest t"], grows=grows))
-    missing = dict(_uncovered(events))
-    found = [*lost, *(one for one in _all_of(events) if one.cause not in missing)]
+        return Report([], extent, dict.fromkeys(Cause, why), {})
+    missing, series = _uncovered(events), [*_series(events)]
+    found = [
+        *_lost_ports(events),
+        *(finding for one in series for finding in _examined(one)),
+        *_slower(events),
+        *_more(series),
+    ]
+    found = [one for one in found if one.cause not in missing]
     return Report(ranked(found), extent, missing, _counts(events, missing))
 
 
-def _counts(events: Events, missing: Mapping[str, object]) -> dict[Cause, int]:
-    windows = events.windows
+def _counts(events: Events, missing: Mapping[Cause, object]) -> dict[Cause, int]:
+    total = events.windows.total
     found = {
         Cause.DAMAGE: sum(one.total("damaged") for one in events.ports.values()),
-        Cause.ERROR_FLAG: sum(windows.total(f"flagged {one}") for one in MOTORS),
-        Cause.OFFLINE: windows.total("any offline"),
-        Cause.UNANSWERED: sum(windows.total(f"missed {one}") for one in MOTORS),
+        Cause.ERROR_FLAG: sum(total(f"flagged {one}") for one in MOTORS),
+        Cause.OFFLINE: total("any offline"),
+        Cause.UNANSWERED: sum(total(f"missed {one}") for one in MOTORS),
     }
     return {cause: count for cause, count in found.items() if cause not in missing}
 
@@ -367,420 +635,46 @@ def hidden_text(filters: Iterable[str]) -> TranslatableText:
     )
 
 
-def _uncovered(events: Events) -> Iterator[tuple[str, TranslatableText]]:
+def _uncovered(events: Events) -> dict[Cause, TranslatableText]:
     """The causes that cannot be examined, and why."""
-    windows, of_port = events.windows, [*events.ports.values()]
-    feedback = windows.total("feedback")
-    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET, Cause.UNLIKE_OTHERS)
-    flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
-    reasons = list[tuple[Sequence[Cause], TranslatableText]]()
     if events.hidden_by:
-        reasons = [([one for one in Cause if one is not Cause.PORT], hidden_text(events.hidden_by))]
-    elif not sum(windows.total(f"commands {motor}") for motor in MOTORS):
-        reasons.append((answers, TranslatableText("no command awaits an answer")))
-        reasons.append(([Cause.IRREGULAR_COMMANDS], TranslatableText("commands are missing")))
-    elif not feedback:
-        why = "feedback is missing: only one wire was recorded"
-        reasons.append((answers, TranslatableText(why)))
-    elif _at_the_same_time([one for one in of_port if one.total("commands")]):
-        why = "several ports had commands at the same time: which one feedback answers is not known"
-        reasons.append((answers, TranslatableText(why)))
-    if not events.hidden_by and not feedback:
-        reasons.append((flags, TranslatableText("feedback is missing")))
-    for causes, text in reasons:
-        yield from ((str(one), text) for one in causes)
-
-
-def _at_the_same_time(ports: Sequence[Windows]) -> bool:
-    """Whether several ports have commands in the same windows."""
-    shift = max((one.shift for one in ports), default=0)
-    keys = [np.unique(one.starts_ns[one["commands"].events > 0] >> shift) for one in ports]
-    return bool(keys) and len(np.unique(np.concatenate(keys))) < sum(map(len, keys))
-
-
-def _all_of(events: Events) -> Iterator[Finding]:
-    for series in _series(events):
-        yield from _examined(events, series)
-    for motor in MOTORS:
-        yield from _slower(events, motor)
-        yield from _more_late(events, motor)
-        yield from _more_damaged(events, motor)
-
-
-def _series(events: Events) -> Iterator[_Series]:
-    windows, several = events.windows, len(events.ports) > 1
-    for port, own in events.ports.items():
-        yield from _of_port(own, port, f"port = {quoted(port)}" if several else "")
-    for motor in MOTORS:
-        yield _unanswered(windows, motor)
-        yield from _late(events, motor)
-        yield from _flags(windows, motor)
-        yield from _silences(windows, motor)
-        for role in (Role.SPEED, Role.POSITION):
-            yield from _off_target(windows, motor, role)
-            yield from _jumps(windows, motor, role)
-    yield from _irregular(windows)
-
-
-def _lost_ports(events: Events, last_ns: int, *, grows: bool) -> Iterator[Finding]:
-    still = TranslatableText("the port was lost and not found again")
-    if grows:
-        still = TranslatableText("the port was lost and not found again so far")
-    for port, start, end in events.lost:
-        until = last_ns if end is None else end
-        text = still if end is None else TranslatableText("the port was lost and found again")
-        last = max(start, until)
-        yield Finding(Cause.PORT, port, None, None, start, last, 1, 0, 0.0, text, "", inf)
-
-
-_PORT_EVENTS: Final = {
-    PortEventKind.LINE_ERROR: TranslatableText("the UART reported errors"),
-    PortEventKind.OVERRUN: TranslatableText("bytes were lost, since they were read too late"),
-    PortEventKind.SILENT: TranslatableText("the wire was silent"),
-    PortEventKind.SHARED: TranslatableText("another program had the port open"),
-}
-"""What happened to a port."""
-
-
-def _and(*conditions: str) -> str:
-    return " AND ".join(filter(None, conditions))
-
-
-def _of_port(windows: Windows, port: str, own_port: str) -> Iterator[_Series]:
-    for motor in (None, *MOTORS):
-        yield _damage(windows, port, own_port, motor)
-    rows = windows["rows"].events
-    for kind, meaning in _PORT_EVENTS.items():
-        is_error = kind is PortEventKind.LINE_ERROR
-        yield _Series(
-            *(Cause.PORT, windows[kind], rows, later("{meaning}, {events} times")),
-            filter=_and(Fault.LINE_ERROR if is_error else "", own_port),
-            port=port,
-            values={"meaning": meaning},
-            sure=3 if is_error else 1,  # a few errors alone may come from a plug
+        others = [one for one in Cause if one is not Cause.PORT]
+        return dict.fromkeys(others, hidden_text(events.hidden_by))
+    has_feedback, missing = events.windows.total("feedback"), dict[Cause, TranslatableText]()
+    at_once = sum(one["commands"].events > 0 for one in events.ports.values())
+    if not any(events.windows.total(f"commands {motor}") for motor in MOTORS):
+        why = TranslatableText("no command awaits an answer")
+        missing[Cause.IRREGULAR_COMMANDS] = TranslatableText("commands are missing")
+    elif not has_feedback:
+        why = TranslatableText("feedback is missing: only one wire was recorded")
+    elif np.any(at_once > 1):
+        why = TranslatableText(
+            "several ports had commands at the same time: which one feedback answers is not known"
         )
+    else:
+        return missing
+    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET, Cause.UNLIKE_OTHERS)
+    missing |= dict.fromkeys(answers, why)
+    if not has_feedback:
+        flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
+        missing |= dict.fromkeys(flags, TranslatableText("feedback is missing"))
+    return missing
 
 
-_DAMAGE: Final = [one for one in Fault if one not in SUSPECT_FAULTS]
-
-
-def _damage(windows: Windows, port: str, own_port: str, motor: int | None) -> _Series:
-    """The damaged rows of a port, or those that probably belong to one of its motors."""
-    of = "" if motor is None else f" {motor}"
-
-    def values(seen: _Seen) -> _Values:
-        fault = _prevailing(windows, seen, "fault", _DAMAGE, 0.0)
-        direction = _prevailing(windows, seen, "damaged", Direction, _MOST)
-        usual = _usually(seen.usual)
-        numbers = {"events": f"{seen.events:,}", "rows": f"{seen.rows:,}", "usual": usual}
-        text = TranslatableText("{events} of {rows} rows are damaged; {usual}", **numbers)
-        bursts = seen.events - int(windows["burst"].events[seen.own].sum())
-        if motor is not None:
-            text = TranslatableText("motor {motor}: {text}", motor=motor, text=text)
-        elif 2 * bursts <= seen.events:
-            text = TranslatableText("{text}; in {bursts} bursts", text=text, bursts=f"{bursts:,}")
-        return {"text": text, "what": listed([fault, direction] if direction else [fault])}
-
-    return _Series(
-        *(Cause.DAMAGE, windows[f"damaged{of}"], windows[f"rows{of}"].events),
-        later("{text}; mostly {what}"),
-        _and("malformed", f"motor_hint ={of}" if of else "", own_port),
-        motor,
-        port=port,
-        values=values,
-    )
-
-
-def _prevailing(
-    windows: Windows, seen: _Seen, of: str, names: Iterable[object], least: float
-) -> str:
-    """The name that most of the events have; empty if too few have the same."""
-    counts = {str(name): int(windows[f"{of} {name}"].events[seen.own].sum()) for name in names}
-    best = max(counts, key=lambda name: counts[name])
-    return best if counts[best] > least * seen.events else ""
-
-
-def _usually(usual: float) -> TranslatableText:
-    if usual < 0.0005:
-        return TranslatableText("usually none")
-    return TranslatableText("usually {percent} %", percent=f"{100 * usual:.2g}")
-
-
-def _unanswered(windows: Windows, motor: int) -> _Series:
-    def values(seen: _Seen) -> _Values:
-        usual = TranslatableText("usually {percent} %", percent=f"{100 * (1 - seen.usual):.3g}")
-        if seen.usual < 0.0005:
-            usual = TranslatableText("usually all")
-        found = {"answered": f"{seen.rows - seen.events:,}", "usual": usual}
-        if seen.events == windows.total(f"asked {motor}"):
-            found["form"] = later(
-                "motor {motor} answered none of {rows} commands; other motors answered"
-            )
-        if windows[f"free {motor}"].events[seen.own].any():
-            found["filter"] = f"unanswered AND ({MOTOR} = {motor} OR {MOTOR} IS NULL)"
-        return found
-
-    return _Series(
-        *(Cause.UNANSWERED, windows[f"missed {motor}"], windows[f"asked {motor}"].events),
-        later("motor {motor} answered {answered} of {rows} commands; {usual}"),
-        f"unanswered AND {MOTOR} = {motor}",
-        motor,
-        values=values,
-    )
-
-
-def _late(events: Events, motor: int) -> Iterator[_Series]:
-    for kind in KINDS:
-        rows = events.windows[f"timed {motor} {kind.name}"].events
-        usual_ns = events.usual.get((motor, kind.name))
-        if usual_ns is None or rows.sum() < _LEAST_EVENTS:
-            continue
-        limit = f"{LATE * usual_ns / 1e6:.3g}"
-        yield _Series(
-            *(Cause.LATE, events.windows[f"late {motor} {kind.name}"], rows),
-            later(
-                "{events} of {rows} answers of motor {motor} to {kind} took {limit} ms or longer;"
-                " usually about {usual_ms} ms"
-            ),
-            f"answer_ms >= {limit} AND kind = '{kind.name}' AND {MOTOR} = {motor}",
-            motor,
-            kind.name,
-            values={"limit": limit, "usual_ms": f"{usual_ns / 1e6:.2g}"},
-        )
-
-
-# A motor that is unlike the others all the time
-
-UNLIKE: Final = 2.0
-"""A motor is unlike the others if it is slower, or has more damage, by at least this factor."""
-
-_LEAST_SLOWER_NS: Final = 2_000_000
-"""How much slower it is at least."""
-
-
-def _slower(events: Events, motor: int) -> Iterator[Finding]:
-    """A motor whose median delay is at least twice that of each other one."""
-    for kind in KINDS:
-        medians = {of: ns for (of, name), ns in events.usual.items() if name == kind.name}
-        own, counted = medians.pop(motor, 0.0), events.windows[f"timed {motor} {kind.name}"]
-        others = max(medians.values(), default=inf)
-        if counted.events.sum() < _LEAST_EVENTS:
-            continue
-        if own < max(UNLIKE * others, others + _LEAST_SLOWER_NS):
-            continue
-        shown = f"answer_ms >= {UNLIKE * others / 1e6:.3g} AND kind = '{kind.name}'"
-        series = _Series(
-            *(Cause.UNLIKE_OTHERS, counted, counted.events),
-            later(
-                "motor {motor} answers {kind} after {own} ms (median), the others after {others} ms"
-            ),
-            f"{shown} AND {MOTOR} = {motor}",
-            motor,
-            kind.name,
-            values={"own": f"{own / 1e6:.2g}", "others": f"{others / 1e6:.2g}"},
-        )
-        yield _finding(events, series, slice(None), 0.0, float(counted.events.sum()))
-
-
-def _more_late(events: Events, motor: int) -> Iterator[Finding]:
-    """A motor with more late answers than each other one."""
-    windows = events.windows
-    for kind in KINDS:
-        late, answers = (
-            {one: windows.total(f"{word} {one} {kind.name}") for one in MOTORS}
-            for word in ("late", "timed")
-        )
-        others = {one: late[one] / answers[one] for one in MOTORS if one != motor and answers[one]}
-        most = max(others, key=lambda one: others[one], default=motor)
-        if not is_late((late[motor], answers[motor]), [(late[most], answers[most])]):
-            continue
-        limit = f"{LATE * events.usual[motor, kind.name] / 1e6:.3g}"
-        counted = windows[f"late {motor} {kind.name}"]
-        series = _Series(
-            *(Cause.UNLIKE_OTHERS, counted, windows[f"timed {motor} {kind.name}"].events),
-            later(
-                "{own} % of the answers of motor {motor} to {kind} took {limit} ms or longer, twice"
-                " the median, of the other motors at most {others} %"
-            ),
-            f"answer_ms >= {limit} AND kind = '{kind.name}' AND {MOTOR} = {motor}",
-            motor,
-            kind.name,
-            values={
-                "own": f"{100 * late[motor] / answers[motor]:.2g}",
-                "others": f"{100 * others[most]:.2g}",
-                "limit": limit,
-            },
-        )
-        # By window, as the scores of spans.
-        score = np.count_nonzero(counted.events) / late[motor]
-        score *= surprise((late[most], answers[most]), (late[motor], answers[motor]))
-        yield _finding(events, series, slice(None), others[most], score)
-
-
-def _more_damaged(events: Events, motor: int) -> Iterator[Finding]:
-    """A motor with at least twice the share of damaged rows of each other one."""
+def _lost_ports(events: Events) -> Iterator[Finding]:
     for port, windows in events.ports.items():
-        damaged = {one: windows.total(f"damaged {one}") for one in MOTORS}
-        rows = {one: windows.total(f"rows {one}") for one in MOTORS}
-        shares = {one: damaged[one] / rows[one] for one in MOTORS if rows[one] >= _LEAST_EVENTS}
-        own, others = shares.pop(motor, 0.0), max(shares.values(), default=inf)
-        if damaged[motor] < _LEAST_EVENTS or own < UNLIKE * others:
-            continue
-        inside, expected = damaged[motor] / sum(damaged.values()), rows[motor] / sum(rows.values())
-        score = sum(damaged.values()) * divergence(inside, expected)
-        if score < log(SERIES / ALPHA):
-            continue
-        series = _Series(
-            *(Cause.UNLIKE_OTHERS, windows[f"damaged {motor}"], windows[f"rows {motor}"].events),
-            later(
-                "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %"
-            ),
-            f"malformed AND motor_hint = {motor}",
-            motor,
-            port=port,
-            values={"own": f"{100 * own:.2g}", "others": f"{100 * others:.2g}"},
-        )
-        yield _finding(events, series, slice(None), others, score)
+        lost, again = windows[PortEventKind.LOST], windows[PortEventKind.FOUND_AGAIN]
+        for at in np.flatnonzero(lost.events).tolist():
+            ends = again.high[(again.events > 0) & (again.high >= lost.high[at])]
+            text = TranslatableText("the port was lost and found again")
+            if not len(ends):
+                text = TranslatableText("the port was lost and not found again")
+            first = int(lost.low[at])
+            last = max(first, int(ends[0]) if len(ends) else events.extent["greatest t"])
+            yield Finding(Cause.PORT, port, None, None, first, last, 1, 0, 0.0, text, "", inf)
 
 
-def _flags(windows: Windows, motor: int) -> Iterator[_Series]:
-    feedback, anyone = windows[f"feedback {motor}"].events, windows["feedback"].events
-    errors, online = NAME_OF_ROLE[Role.ERRORS], NAME_OF_ROLE[Role.ONLINE]
-
-    def bits(seen: _Seen) -> _Values:
-        counts = [windows[f"raised {motor} bit {bit}"].events for bit in range(8)]
-        raised = sum(1 << bit for bit, own in enumerate(counts) if own[seen.own].any())
-        return {"bits": f"{raised:02X}"}
-
-    if feedback.any():
-        yield _Series(
-            *(Cause.ERROR_FLAG, windows[f"raised {motor}"], feedback),
-            later("motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}"),
-            f"{MOTOR} = {motor} AND {errors} != 0",
-            motor,
-            values=bits,
-        )
-        yield _Series(
-            *(Cause.OFFLINE, windows[f"offline {motor}"], anyone),
-            later("{bit} was 0 in {events} of {rows} frames; {usual}"),
-            f"{online} & {1 << motor_bit(motor)} = 0",
-            motor,
-            values={"bit": online_bit_text(motor)},
-        )
-
-
-_EXPECTED: Final = 6
-"""Feedback of a motor in a window from which on its absence is silence."""
-
-
-def _silences(windows: Windows, motor: int) -> Iterator[_Series]:
-    """Windows without feedback of a motor, in which commands to it went on."""
-    commands, feedback = windows[f"commands {motor}"], windows[f"feedback {motor}"]
-    active, answers = commands.events > 0, feedback.events > 0
-    if not (active & answers).any():
-        return
-    usual = max(1, int(np.median(feedback.events[active & answers])))
-    width = max(1, -(-_EXPECTED // usual))
-    recent = np.convolve(feedback.events, np.ones(width), "full")[: len(answers)]
-    silent = active & (recent < 0.5)
-
-    def values(seen: _Seen) -> _Values:
-        is_whole = seen.events == seen.rows
-        ns = seen.last_ns - seen.first_ns if is_whole else seen.events * windows.width_ns
-        return {"seconds": f"{ns / 1e9:.0f}"}
-
-    # It begins with the last feedback, unless the host paused meanwhile; and ends with the next.
-    starts, near = windows.starts_ns, (width + 1) * windows.width_ns
-    before = np.maximum.accumulate(feedback.high)
-    after = np.minimum.accumulate(feedback.low[::-1])[::-1]
-    counted = EventCounts(
-        silent.astype(np.int64),
-        np.where(before > starts - near, before, commands.low),
-        np.where(after < starts + windows.width_ns + near, after, commands.high),
-    )
-    yield _Series(
-        *(Cause.SILENCE, counted, active.astype(np.int64)),
-        later("motor {motor} sent no feedback for {seconds} s while commands went on"),
-        f"{MOTOR} = {motor}",
-        motor,
-        values=values,
-    )
-
-
-_SETTLES: Final = 3
-"""Windows before one whose targets a motor may still move to."""
-
-
-def _recent(values: Ints) -> Ints:
-    """The highest value of each window and of `_SETTLES` before it."""
-    padded = np.concatenate((np.full(_SETTLES, -(2**62)), values))
-    found: Ints = np.lib.stride_tricks.sliding_window_view(padded, _SETTLES + 1).max(axis=1)
-    return found
-
-
-def _off_target(windows: Windows, motor: int, role: Role) -> Iterator[_Series]:
-    """Windows in which all present values are outside of the range of the recent targets."""
-    feedback, free = windows[f"feedback {motor}"], windows[f"free {motor}"].events
-    target, present = windows[f"target {role} {motor}"], windows[f"present {role} {motor}"]
-    asked = target.events > 0
-    exposed = asked & (present.events > 0) & (_recent(free) <= 0)
-    if not exposed.any():
-        return
-    lows = -_recent(np.where(asked, -target.low, -(2**62)))
-    highs = _recent(np.where(asked, target.high, -(2**62)))
-    off = exposed & is_off_target((present.low, present.high), (lows, highs), role)
-    yield _Series(
-        Cause.OFF_TARGET,
-        EventCounts(off.astype(np.int64), feedback.low, feedback.high),
-        exposed.astype(np.int64),
-        later(
-            "the {value} of motor {motor} was not near its target in {events} of {rows} s; {usual}"
-        ),
-        f"{MOTOR} = {motor}",
-        motor,
-        by_role(role, target=True)[0].name,
-        values={"value": TranslatableText(role)},
-    )
-
-
-def _jumps(windows: Windows, motor: int, role: Role) -> Iterator[_Series]:
-    counted = windows[f"jump {role} {motor}"]
-    if counted.events.any():
-        yield _Series(
-            *(Cause.JUMP, counted, windows[f"present {role} {motor}"].events),
-            later(
-                "the {value} of motor {motor} jumped and came back {events} times in {rows} frames:"
-                " bytes changed on the line"
-            ),
-            f"{MOTOR} = {motor}",
-            motor,
-            by_role(role, target=False)[0].name,
-            values={"value": TranslatableText(role)},
-        )
-
-
-_UNEVEN: Final = later(
-    "{events} of {rows} periods of {kind} commands differ from the one before; {usual}"
-)
-_UNEVEN_OF_MOTOR: Final = later(
-    "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one before;"
-    " {usual}"
-)
-
-
-def _irregular(windows: Windows) -> Iterator[_Series]:
-    """Periods of commands that differ from the one before."""
-    for kind in KINDS:
-        for motor in MOTORS if kind.names_motor else MOTORS[:1]:
-            own, of = motor if kind.names_motor else None, f"{motor} {kind.name}"
-            yield _Series(
-                *(Cause.IRREGULAR_COMMANDS, windows[f"irregular {of}"]),
-                windows[f"period {of}"].events,
-                _UNEVEN_OF_MOTOR if own else _UNEVEN,
-                _and(f"kind = '{kind.name}'", f"{MOTOR} = {motor}" if own else ""),
-                own,
-                kind.name,
-            )
+# The ranking
 
 
 def ranked(found: list[Finding]) -> list[Finding]:

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.events import is_late
+from fte_sniff.analysis.events import is_more
 from fte_sniff.analysis.relations import (
     ANSWERABLE,
     COMMANDS,
@@ -154,7 +154,7 @@ def _is_late(found: pl.DataFrame, motor: int) -> bool:
     now, before = own.get((motor, True), (0, 0)), own.get((motor, False))
     others = [value for (of, recent), value in own.items() if recent and of != motor]
     most = max(others, key=lambda one: one[0] / one[1], default=None)
-    return is_late(now, [one for one in (before, most) if one is not None])
+    return any(is_more(now, one) for one in (before, most) if one is not None)
 
 
 def _judged(state: MotorState, received: int, *, late: bool, off: bool) -> MotorState:

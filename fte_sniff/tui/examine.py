@@ -40,11 +40,11 @@ class Examiner:
             for table in self._cutter.push(item):
                 self._counts = summed([self._counts, counted(table)])
         counts = summed([self._counts, counted(self._cutter.rest())])
-        report = find(counts, grows=lives)
+        report = find(counts)
         last_ns = report.extent["greatest t"]
         if not lives or last_ns is None:
             return Examined(report.found, report.coverage())
-        recent = find(since(counts, last_ns - RECENT_NS), grows=lives)
+        recent = find(since(counts, last_ns - RECENT_NS))
         found = ranked([*report.found, *recent.found])
         return Examined(found, replace(report, found=found).coverage())
 
