@@ -476,7 +476,7 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
         )
     measure, inner, symbol, number = match.groups()
     if measure not in MEASURES:
-        fix = nearest(measure, MEASURES) or f"the measures are {', '.join(MEASURES)}"
+        fix = nearest(measure, MEASURES)
         raise InputTextError(f"{quoted(measure)} is not a measure; {fix}")
     kind, argument, filter_text = MEASURES[measure], "", inner.strip()
     if kind.argument:

@@ -41,5 +41,4 @@ def complete_filter(_context: click.Context, _filter: click.Parameter, start: st
     """Filters whose last word is complete."""
     from fte_sniff.analysis.filter.completion import completions
 
-    found = completions(start)
-    return [start[: found.start] + choice for choice in found.choices]
+    return completions(start)

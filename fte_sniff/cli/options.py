@@ -149,7 +149,7 @@ def _columns(_context: click.Context, _option: click.Parameter, text: str | None
         if name not in COLUMN_BY_NAME:
             from fte_sniff.analysis.filter.row_filter import nearest
 
-            fix = nearest(name, COLUMN_BY_NAME) or f"use {', '.join(COLUMN_BY_NAME)}"
+            fix = nearest(name, COLUMN_BY_NAME)
             raise UsageError(f"--columns: unknown column {quoted(name)}; {fix}")
         if names.count(name) > 1:
             raise UsageError(f"--columns names {name} twice")

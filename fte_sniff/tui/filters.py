@@ -121,9 +121,7 @@ class Filters:
         from fte_sniff.analysis.filter.completion import completions
 
         saved = [text for name, text in self.saved.items() if name.startswith(line)]
-        row = self._table.cursor_row
-        found = completions(line, len(line), None if row is None else row.t_ns)
-        return [*saved, *(line[: found.start] + choice for choice in found.choices)]
+        return [*saved, *completions(line)]
 
 
 class Columns:

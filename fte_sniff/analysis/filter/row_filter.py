@@ -1,10 +1,7 @@
 """The filter language: SQL conditions over the row columns.
 
-    or          condition with OR ||, AND &&, NOT !, by rising precedence
-    comparison  value (= != < <= > >= ~ !~ | [NOT] LIKE ILIKE REGEXP | [NOT] IN (...)
-                | [NOT] BETWEEN low AND high | IS [NOT] NULL TRUE FALSE, DISTINCT FROM value)
-    value       numbers joined by | & + - * / %, and a minus in front
-    primary     number | 'text' | field | word | function(...) | ( or )
+    condition   operands joined by the operators of `LEVELS`, NOT and minus before one
+    operand     number | 'text' | field | word | function(...) | (condition)
 
 A text takes its meaning from the column that it is compared with: a time, a time of day, a word of
 the contract, bytes. What cannot be compared is found by polars, which the condition is tried with.
@@ -22,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from difflib import get_close_matches
-from math import inf, isfinite
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -36,7 +33,7 @@ from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
 from fte_sniff.protocol.columns import DERIVED, PREVIOUS
 from fte_sniff.protocol.items import Change, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
-from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode, status_of
+from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
 
@@ -58,12 +55,12 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
         "the second value where the first is null",
     ),
     "lower": Function(
-        lambda text: text.cast(pl.String).str.to_lowercase(),
+        lambda text: _text(text).str.to_lowercase(),
         "lower(port) LIKE '%usb%'",
         "in lower case",
     ),
     "upper": Function(
-        lambda text: text.cast(pl.String).str.to_uppercase(),
+        lambda text: _text(text).str.to_uppercase(),
         "upper(port) LIKE '%USB%'",
         "in upper case",
     ),
@@ -74,42 +71,61 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
     ),
 }
 
+
+def _text(value: pl.Expr) -> pl.Expr:
+    return value.cast(pl.String)
+
+
+def _real(number: pl.Expr) -> pl.Expr:
+    return number.cast(pl.Float64)
+
+
+def _whole(number: pl.Expr) -> pl.Expr:
+    """A number for operators of bits; null if it is larger than 64 bits."""
+    return number.cast(pl.Int64, strict=False)
+
+
+def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
+    """A divisor that is null for 0: polars' infinity and NaN are greater than any number."""
+    return pl.when(divisor != 0).then(divisor)
+
+
 _OPERATORS: Final[Mapping[str, Callable[[Any, Any], pl.Expr]]] = {
+    "OR": operator.or_,
+    "AND": operator.and_,
     "=": operator.eq,
-    "!=": operator.ne,
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
     ">=": operator.ge,
+    "|": lambda left, right: _whole(left) | _whole(right),
+    "&": lambda left, right: _whole(left) & _whole(right),
     "+": lambda left, right: _real(left) + right,
     "-": lambda left, right: _real(left) - right,
     "*": lambda left, right: _real(left) * right,
     "/": lambda left, right: left / _null_if_zero(right),
     "%": lambda left, right: _real(left) % _null_if_zero(right),
-    "&": lambda left, right: _whole(left) & _whole(right),
-    "|": lambda left, right: _whole(left) | _whole(right),
 }
+PATTERNS: Final = ("LIKE", "ILIKE", "~", "REGEXP", "RLIKE")
+_COMPARISONS: Final = ("=", "!=", "<", "<=", ">", ">=", "IS", "NOT", "IN", "BETWEEN", *PATTERNS)
+_PRECEDENCE: Final = (("OR",), ("AND",), _COMPARISONS, ("|",), ("&",), ("+", "-"), ("*", "/", "%"))
+LEVELS: Final = {word: level for level, words in enumerate(_PRECEDENCE) for word in words}
+"""The operators between operands, by rising precedence."""
+_COMPARISON: Final = LEVELS["="]
 _SAME: Final = {"==": "=", "<>": "!=", "&&": "AND", "||": "OR", "!": "NOT"}
 _MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
-COMPARISONS: Final = ("=", "!=", "<", "<=", ">", ">=")
-PATTERNS: Final = ("LIKE", "ILIKE", "~", "REGEXP", "RLIKE")
-_ARITHMETIC: Final = (("|",), ("&",), ("+", "-"), ("*", "/", "%"))
-"""The operators of numbers by rising precedence."""
-
-_WORDS: Final = "AND|OR|NOT|IN|IS|BETWEEN|LIKE|ILIKE|REGEXP|RLIKE|NULL|TRUE|FALSE|DISTINCT|FROM"
-KEYWORDS: Final = frozenset(_WORDS.split("|"))
 _TOKEN: Final = re.compile(
     r"""\s*(?: (?P<number> (?: 0x[0-9a-f]+ | 0b[01]+ | (?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)? )(?!\w) )
     | '(?P<text> (?:[^'\ud800-\udfff]|'')* )' | "(?P<quoted> [^"\ud800-\udfff]* )"
     | `(?P<field> [^`\ud800-\udfff]* )`
-    | (?P<name> [^\W\d]\w* ) | (?P<sign> && | \|\| | [=!<>]= | <> | !~ | [-=<>+*/%&|(),!~] )
-    | (?P<end> $ ) )""",
+    | (?P<name> [^\W\d]\w* ) | (?P<sign> && | \|\| | [=!<>]= | <> | [-=<>+*/%&|(),!~] )
+    | (?P<end> $ ) | (?P<other> . ) )""",
     re.IGNORECASE | re.VERBOSE,
 )
 _TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
 _YEAR_2000_NS: Final = 946_684_800 * 10**9
 _MOST_TOKENS: Final = 600
-_MOST_NESTED: Final = 25
+_MOST_NESTED: Final = 26
 """Polars evaluates conditions by recursion: this bounds its stack."""
 
 
@@ -140,8 +156,9 @@ class RowFilter:
     @property
     def advice(self) -> str:
         """What the user probably wants instead, one line; empty if nothing."""
-        motor, words = NAME_OF_ROLE[Role.MOTOR], set(re.findall(r"[a-z_]+", self.text.lower()))
-        if motor not in words or words & DERIVED or words.isdisjoint(_DAMAGED):
+        motor, damage = NAME_OF_ROLE[Role.MOTOR], {"status", "faults"}
+        about_damage = damage & self.names and str(Status.OK) not in self.text.lower()
+        if motor not in self.names or not about_damage or self.names & DERIVED:
             return ""
         return TranslatableText(
             "{motor} is empty in most damaged rows; {hint} is the motor that they probably"
@@ -263,12 +280,6 @@ class SilenceAlert:
         return bool(due)
 
 
-_DAMAGED: Final = frozenset(
-    [str(Status.MALFORMED), *(str(one) for one in Fault if status_of((one,)) is Status.MALFORMED)]
-)
-"""Words of filters for damaged rows."""
-
-
 def _test_rows() -> Rows:
     """Rows of every kind with the lowest and highest values, and a row without values."""
     found = [Row("port", 0, b"\0", None, (Fault.NOISE, Fault.LINE_ERROR), framed=False)]
@@ -306,12 +317,17 @@ class _Term:
     column: Column | None = None
     """The column, if it is just a field."""
     text: str | None = None
-    """The text, if it is one in quotes or a word, whose meaning depends on the column."""
-    is_word: bool = False
-    """Whether it is a word of the contract without quotes."""
+    """The text, if it is one in quotes or a word: the column decides its meaning."""
     is_condition: bool = False
-    number: float | None = None
+    """A word alone, such as `noise`, is true for rows that have it."""
+    number: float = inf
     """The value of a plain number."""
+
+    @property
+    def is_null(self) -> pl.Expr:
+        """Whether it has no value; a list, whether it is empty."""
+        is_list = self.column is not None and self.column.type is ColumnType.WORDS
+        return self.expr.list.len() == 0 if is_list else self.expr.is_null()
 
 
 class _Parser:
@@ -321,20 +337,16 @@ class _Parser:
         self._tokens = [*self._tokenized()]
 
     def _tokenized(self) -> Iterator[_Token]:
-        at, kind = 0, ""
-        for _ in range(_MOST_TOKENS):
-            match = _TOKEN.match(self._text, at)
-            if match is None:
-                raise self._mistake(at, "this has no meaning in a filter")
-            kind = str(match.lastgroup)
-            content, start, at = match[kind], match.start(kind), match.end()
+        for number, match in enumerate(_TOKEN.finditer(self._text)):
+            kind, start = str(match.lastgroup), match.start(match.lastgroup or 0)
+            if kind == "other" or number == _MOST_TOKENS:
+                what = "this has no meaning in a filter" if kind == "other" else "too long"
+                raise self._mistake(start, what)
+            content = match[kind].replace("''", "'")
             start -= kind in ("text", "quoted", "field")
             if kind in ("quoted", "field"):
                 kind = "name" if content.lower() in COLUMN_BY_NAME else "text"
-            yield _Token(kind, content.replace("''", "'"), start)
-            if kind == "end":
-                return
-        raise self._mistake(at, "too long")
+            yield _Token(kind, content, start)
 
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
         """A mistake with its position."""
@@ -348,82 +360,55 @@ class _Parser:
             excerpt=f"{before}-->{after}",
         )
 
-    def _accept(self, *choices: str) -> str | None:
-        found = self._tokens[self._index].word
-        if found not in choices or not found:
-            return None
+    @property
+    def _token(self) -> _Token:
+        return self._tokens[self._index]
+
+    def _accept(self, *choices: str) -> str:
+        found = self._token.word
+        if found not in choices:
+            return ""
         self._index += 1
         return found
 
     def _expect(self, choice: str) -> None:
-        if self._accept(choice) is None:
-            raise self._mistake(self._here, f"a '{choice}' is missing")
-
-    @property
-    def _here(self) -> int:
-        return self._tokens[self._index].start
-
-    # Conditions
+        if not self._accept(choice):
+            raise self._mistake(self._token.start, f"a '{choice}' is missing")
 
     def parse(self) -> pl.Expr:
         """The whole filter."""
-        if self._tokens[0].kind == "end":
-            raise self._mistake(
-                0, "it is empty", "write a condition, as in motor = 1 AND rpm > 500"
-            )
-        found = self._condition(self._or())
-        if self._tokens[self._index].kind != "end":
-            raise self._mistake(
-                self._here, "this is out of place", "join conditions with AND or OR"
-            )
+        if self._token.kind == "end":
+            fix = "write a condition, as in motor = 1 AND rpm > 500"
+            raise self._mistake(0, "it is empty", fix)
+        found = self._condition(self._joined())
+        if self._token.kind != "end":
+            fix = "join conditions with AND or OR"
+            raise self._mistake(self._token.start, "this is out of place", fix)
         return found
 
-    def _or(self) -> _Term:
-        return self._chain("OR", lambda: self._chain("AND", self._not))
-
-    def _chain(self, joint: str, inner: Callable[[], _Term]) -> _Term:
-        """One or more conditions; they are joined at once, which keeps the expression shallow."""
-        terms = [inner()]
-        while self._accept(joint):
-            terms.append(inner())
-        if len(terms) == 1:
-            return terms[0]
-        join = pl.all_horizontal if joint == "AND" else pl.any_horizontal
-        found = join([self._condition(term) for term in terms])
-        return _Term(found, terms[0].start, is_condition=True)
-
-    def _not(self) -> _Term:
-        start = self._here
-        if self._accept("NOT"):
-            return _Term(~self._condition(self._within(self._not)), start, is_condition=True)
-        return self._comparison()
-
-    def _within(self, inner: Callable[[], _Term]) -> _Term:
-        self._nested += 1
-        if self._nested > _MOST_NESTED:
-            raise self._mistake(self._here, "nested too deeply", "simplify it")
-        found = inner()
-        self._nested -= 1
-        return found
+    def _joined(self, level: int = 0) -> _Term:
+        """Operands joined by operators of at least a level."""
+        left, highest = self._operand(), len(LEVELS)
+        while level <= (own := LEVELS.get(self._token.word, -1)) < highest:
+            if own == _COMPARISON:
+                left, highest = self._comparison(left), _COMPARISON
+                continue
+            symbol = self._accept(*LEVELS)
+            terms = (left, self._joined(own + 1))
+            is_condition = own < _COMPARISON
+            values = (self._condition(one) if is_condition else one.expr for one in terms)
+            left = _Term(_OPERATORS[symbol](*values), left.start, is_condition=is_condition)
+        return left
 
     def _condition(self, term: _Term) -> pl.Expr:
-        """A condition; a word such as `noise` is true for rows that have it."""
-        if term.is_condition or (term.column and term.column.type is ColumnType.BOOL):
-            return term.expr
-        if not term.is_word or term.text is None:
+        if not term.is_condition:
             raise self._mistake(term.start, "a condition is missing", "compare it, as in motor = 1")
-        column = COLUMN_OF_WORD[term.text]
-        own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
-        return own.list.contains(term.text) if is_list else own.eq_missing(pl.lit(term.text))
+        return term.expr
 
-    def _comparison(self) -> _Term:
-        left = self._value()
+    # Comparisons
+
+    def _comparison(self, left: _Term) -> _Term:
         found = self._compared(left)
-        if found is None:
-            return left
-        if self._accept(*COMPARISONS):
-            self._index -= 1
-            raise self._mistake(self._here, "this is out of place", "join comparisons with AND")
         try:
             _passes(found, _TEST_ROWS)
         except _REFUSED as error:
@@ -432,109 +417,105 @@ class _Parser:
             raise self._mistake(left.start, what, fix) from None
         return _Term(found, left.start, is_condition=True)
 
-    def _compared(self, left: _Term) -> pl.Expr | None:
-        if symbol := self._accept(*COMPARISONS):
-            return self._compare(left, symbol, self._value())
+    def _compared(self, left: _Term) -> pl.Expr:
         if self._accept("IS"):
-            negated = self._accept("NOT")
-            found = self._is(left)
-            return ~found if negated else found
-        negated = self._accept("NOT", "!~")
-        if negated == "!~":
-            return ~self._like(left, "~", self._value())
-        if self._accept("IN"):
-            items = self._arguments()
-            found = pl.any_horizontal([self._compare(left, "=", one) for one in items])
-        elif self._accept("BETWEEN"):
+            negated = bool(self._accept("NOT"))
+            if self._accept("DISTINCT"):
+                self._expect("FROM")
+                negated = not negated
+            return self._is(left) ^ negated
+        negated = bool(self._accept("NOT"))
+        symbol = self._accept(*_COMPARISONS)
+        if symbol == "IN":
+            found = pl.any_horizontal([self._compare(left, "=", one) for one in self._arguments()])
+        elif symbol == "BETWEEN":
             low = self._value()
             self._expect("AND")
             found = self._compare(left, ">=", low) & self._compare(left, "<=", self._value())
-        elif symbol := self._accept(*PATTERNS):
+        elif symbol in PATTERNS:
             found = self._like(left, symbol, self._value())
-        elif negated:
-            raise self._mistake(self._here, "IN, BETWEEN or LIKE is missing after NOT")
+        elif symbol and not negated:
+            negated = symbol == "!="
+            found = self._compare(left, "=" if negated else symbol, self._value())
         else:
-            return None
+            raise self._mistake(self._token.start, "IN, BETWEEN or LIKE is missing after NOT")
         return ~found if negated else found
 
     def _is(self, left: _Term) -> pl.Expr:
-        is_list = left.column is not None and left.column.type is ColumnType.WORDS
+        """Equality in which a null equals a null."""
         if self._accept("NULL"):
-            own = self._condition(left) if left.is_word else left.expr
-            return own.list.len() == 0 if is_list else own.is_null()
-        if word := self._accept("TRUE", "FALSE"):
-            return self._condition(left).eq_missing(pl.lit(word == "TRUE"))
-        if not self._accept("DISTINCT"):
-            raise self._mistake(
-                self._here, "NULL, TRUE, FALSE or DISTINCT FROM is missing after IS"
-            )
-        self._expect("FROM")
-        if self._accept("NULL"):
-            return ~left.expr.is_null()
+            return left.is_null
         right = self._value()
-        equal, unknown = self._compare(left, "=", right), left.expr.is_null()
-        return ~equal.fill_null(unknown & right.expr.is_null())
+        return self._compare(left, "=", right).fill_null(left.is_null & right.is_null)
 
     def _compare(self, left: _Term, symbol: str, right: _Term) -> pl.Expr:
         if left.column is None and right.column is not None:
             left, right, symbol = right, left, _MIRRORED.get(symbol, symbol)
-        column, text, compare = left.column, right.text, _OPERATORS[symbol]
-        if symbol in ("=", "!=") and (left.is_condition or right.is_condition):
-            return compare(self._condition(left), self._condition(right))
-        if text is None or column is None:
-            for term in (one for one in (right, left) if one.is_word or (one.text and one is left)):
-                raise self._mistake(term.start, "a text or word is not compared with a field here")
-            is_time = column is not None and column.type is ColumnType.TIME
-            if is_time and right.number is not None and right.number < _YEAR_2000_NS:
+        return _OPERATORS[symbol](*self._comparable(left, symbol, right))
+
+    def _comparable(self, left: _Term, symbol: str, right: _Term) -> tuple[pl.Expr, pl.Expr]:
+        """Both sides, of which a text has the type of the column."""
+        own, column, text = left.expr, left.column, right.text
+        if column is None or text is None:
+            if left.is_condition != right.is_condition:
+                at = left.start if left.is_condition else right.start
+                raise self._mistake(at, "a condition is compared with a value")
+            if column and column.type is ColumnType.TIME and right.number < _YEAR_2000_NS:
                 raise self._mistake(right.start, "this is a time before the year 2000", _TIME_FIX)
-            return compare(left.expr, right.expr)
+            return own, right.expr
         match column.type:
             case ColumnType.TIME:
-                clock = clock_time(text)
-                if clock is None:
-                    own, t_ns = left.expr, time_ns(text, self._zone)
-                else:
-                    own, t_ns = left.expr % DAY_NS, clock.since_midnight_ns(self._zone)
-                if clock is not None and t_ns is None:
-                    what = f"the offset of '{printable(text)}' depends on the season"
-                    raise self._mistake(right.start, what, "write it, as in '12:00:05+01:00'")
-                if t_ns is None or abs(t_ns) >= 2**63:
-                    raise self._mistake(right.start, "this is not a time", _TIME_FIX)
-                return compare(own, pl.lit(t_ns, pl.Int64))
-            case ColumnType.WORD | ColumnType.WORDS:
-                return self._compare_word(column, symbol, right)
+                return self._times(own, text, right.start)
             case ColumnType.HEX:
-                return compare(left.expr, pl.lit(self._hex(right, "")))
+                return own, pl.lit(self._hex(right, ""))
             case ColumnType.TEXT:
-                return compare(left.expr, pl.lit(text))
+                return own, pl.lit(text)
+            case ColumnType.WORD | ColumnType.WORDS:
+                word = text.strip().lower()
+                if symbol != "=":
+                    raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
+                if column.type is ColumnType.WORDS and not word:
+                    return left.is_null, pl.lit(True)
+                if word not in column.words:
+                    what = f"{column.name} is never '{printable(word)}'"
+                    raise self._mistake(right.start, what, nearest(word, column.words))
+                is_list = column.type is ColumnType.WORDS
+                return (own.list.contains(word), pl.lit(True)) if is_list else (own, pl.lit(word))
         raise self._mistake(right.start, f"{column.name} is a number", "write it without quotes")
 
-    def _compare_word(self, column: Column, symbol: str, right: _Term) -> pl.Expr:
-        word = (right.text or "").strip().lower()
-        own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
-        if symbol not in ("=", "!="):
-            raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
-        if is_list and not word:
-            found = own.list.len() == 0
-        elif word not in column.words:
-            fix = nearest(word, column.words) or _there_are(column.words)
-            raise self._mistake(right.start, f"{column.name} is never '{printable(word)}'", fix)
+    def _times(self, own: pl.Expr, text: str, start: int) -> tuple[pl.Expr, pl.Expr]:
+        """A column and a time; the time of day of both, if it has no date."""
+        if clock := clock_time(text):
+            own, t_ns = own % DAY_NS, clock.since_midnight_ns(self._zone)
+            if t_ns is None:
+                what = f"the offset of '{printable(text)}' depends on the season"
+                raise self._mistake(start, what, "write it, as in '12:00:05+01:00'")
         else:
-            found = own.list.contains(word) if is_list else own == pl.lit(word)
-        return found if symbol == "=" else ~found
+            t_ns = time_ns(text, self._zone)
+            if t_ns is None or abs(t_ns) >= 2**63:
+                raise self._mistake(start, "this is not a time", _TIME_FIX)
+        return own, pl.lit(t_ns, pl.Int64)
 
     def _like(self, left: _Term, symbol: str, pattern: _Term) -> pl.Expr:
         of, own, found = left.column and left.column.type, left.expr, pattern.text
         if found is None:
             raise self._mistake(pattern.start, f"{symbol} needs a pattern in quotes")
         if of in (ColumnType.WORD, ColumnType.WORDS):
-            own = own.cast(pl.String) if of is ColumnType.WORD else own.list.join(",")
+            own = _text(own) if of is ColumnType.WORD else own.list.join(",")
         is_hex = of is ColumnType.HEX
         if symbol in ("LIKE", "ILIKE"):
             anything = "(?:..)*" if is_hex else ".*"
             inner = re.escape(self._hex(pattern, "_") if is_hex else found)
             found = f"^(?s:{inner.replace('_', '.').replace('%', anything)})$"
-        return own.str.contains(f"(?i){found}" if is_hex or symbol == "ILIKE" else found)
+        found = f"(?i){found}" if is_hex or symbol == "ILIKE" else found
+        try:
+            pl.select(pl.lit("").str.contains(found))
+        except _REFUSED:
+            what = "the regular expression is not valid"
+            raise self._mistake(
+                pattern.start, what, "a special character needs \\ before it"
+            ) from None
+        return own.str.contains(found)
 
     def _hex(self, literal: _Term, wildcards: str) -> str:
         digits = "".join((literal.text or "").split()).upper()
@@ -544,113 +525,89 @@ class _Parser:
             raise self._mistake(literal.start, what, fix)
         return digits
 
-    # Values
+    # Operands
 
-    def _value(self, level: int = 0) -> _Term:
-        if level == len(_ARITHMETIC):
-            return self._primary()
-        left = self._value(level + 1)
-        while symbol := self._accept(*_ARITHMETIC[level]):
-            right = self._value(level + 1)
-            left = _Term(_OPERATORS[symbol](left.expr, right.expr), left.start)
-        return left
+    def _value(self) -> _Term:
+        return self._joined(_COMPARISON + 1)
+
+    def _operand(self) -> _Term:
+        self._nested += 1
+        if self._nested > _MOST_NESTED:
+            raise self._mistake(self._token.start, "nested too deeply", "simplify it")
+        start = self._token.start
+        if self._accept("NOT"):
+            inner = self._condition(self._joined(_COMPARISON))
+            found = _Term(~inner, start, is_condition=True)
+        elif self._accept("-"):
+            negative = self._operand()
+            found = _Term(-negative.expr, start, number=-negative.number)
+        elif self._accept("("):
+            found = replace(self._joined(), start=start)
+            self._expect(")")
+        else:
+            found = self._primary()
+        self._nested -= 1
+        return found
 
     def _arguments(self) -> list[_Term]:
         self._expect("(")
-        found = [self._within(self._or)]
+        found = [self._joined()]
         while self._accept(","):
-            found.append(self._within(self._or))
+            found.append(self._joined())
         self._expect(")")
         return found
 
     def _primary(self) -> _Term:
-        token = self._tokens[self._index]
-        if self._accept("-"):
-            inner = self._within(self._primary)
-            number = None if inner.number is None else -inner.number
-            return _Term(-inner.expr, token.start, number=number)
-        if self._accept("("):
-            found = self._within(self._or)
-            self._expect(")")
-            return replace(found, start=token.start)
-        self._index += 1
-        name = token.text.lower()
+        token = self._token
+        self._index += token.kind != "end"
+        name, start = token.text.lower(), token.start
         match token.kind:
             case "number":
                 return self._number(token)
             case "text":
-                return _Term(pl.lit(token.text), token.start, text=token.text)
-            case "name" if name in COLUMN_BY_NAME:
-                return self._field(COLUMN_BY_NAME[name], token.start)
-            case "name" if name in COLUMN_OF_WORD:
-                return _Term(pl.lit(name), token.start, text=name, is_word=True)
+                return _Term(pl.lit(token.text), start, text=token.text)
+            case "name" if column := COLUMN_BY_NAME.get(name):
+                own, is_condition = pl.col(name), column.type is ColumnType.BOOL
+                own = own.cast(pl.Int64) if column.type is ColumnType.TIME else own
+                return _Term(own, start, column, is_condition=is_condition)
+            case "name" if column := COLUMN_OF_WORD.get(name):
+                own, is_list = pl.col(column.name), column.type is ColumnType.WORDS
+                found = own.list.contains(name) if is_list else own.eq_missing(pl.lit(name))
+                return _Term(found, start, text=name, is_condition=True)
             case "name" if name in ("true", "false"):
-                return _Term(pl.lit(name == "true"), token.start, is_condition=True)
+                return _Term(pl.lit(name == "true"), start, is_condition=True)
             case "name" if name in FUNCTIONS:
-                return self._call(name, token.start)
-            case "name" if token.text.upper() not in KEYWORDS:
-                near = nearest(name, [*COLUMN_BY_NAME, *COLUMN_OF_WORD, *FUNCTIONS])
-                fix = near or _there_are(COLUMN_BY_NAME)
-                raise self._mistake(token.start, f"unknown name '{printable(token.text)}'", fix)
-        raise self._mistake(token.start, "here a field or a value is missing")
-
-    def _field(self, column: Column, start: int) -> _Term:
-        own = pl.col(column.name)
-        return _Term(own.cast(pl.Int64) if column.type is ColumnType.TIME else own, start, column)
+                return self._call(name, start)
+            case "name" if name.upper() not in LEVELS:
+                fix = nearest(name, COLUMN_BY_NAME, (*COLUMN_OF_WORD, *FUNCTIONS))
+                raise self._mistake(start, f"unknown name '{printable(token.text)}'", fix)
+        raise self._mistake(start, "here a field or a value is missing")
 
     def _number(self, token: _Token) -> _Term:
-        is_whole = re.fullmatch(r"\d+|0[xb].*", token.text, re.IGNORECASE)
-        value: float = float(token.text) if not is_whole else int(token.text, _base(token.text))
-        if value >= 2**63 if is_whole else not isfinite(value):
+        text = token.text.lower()
+        is_whole = text.isdecimal() or text.startswith(("0x", "0b"))
+        base = {"0x": 16, "0b": 2}.get(text[:2], 10)
+        value = int(text, base) if is_whole else float(text)
+        if value >= (2**63 if is_whole else inf):
             raise self._mistake(token.start, "this number is too large")
-        number = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
-        return _Term(number, token.start, number=value)
+        expr = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
+        return _Term(expr, token.start, number=value)
 
     def _call(self, name: str, start: int) -> _Term:
         items = self._arguments()
         try:
             if name == "previous" and items[0].column is None:
                 raise KeyError(name)
-            expr = FUNCTIONS[name].of(*(one.expr for one in items))
+            return _Term(FUNCTIONS[name].of(*(one.expr for one in items)), start)
         except (TypeError, KeyError):
             fix = f"write {FUNCTIONS[name].example}"
             raise self._mistake(start, f"{name} takes other values", fix) from None
-        return _Term(expr, start)
 
 
-def _base(number: str) -> int:
-    return {"x": 16, "b": 2}.get(number[1:2].lower(), 10)
-
-
-def _real(number: pl.Expr) -> pl.Expr:
-    return number.cast(pl.Float64)
-
-
-def _whole(number: pl.Expr) -> pl.Expr:
-    """A number for operators of bits; null if it is larger than 64 bits."""
-    return number.cast(pl.Int64, strict=False)
-
-
-def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
-    """A divisor that is null for 0: polars' infinity and NaN are greater than any number."""
-    return pl.when(divisor != 0).then(divisor)
-
-
-def nearest(word: str, choices: Iterable[str]) -> str:
-    """`did you mean x?`, or an empty text if no choice is similar.
-
-    A role, such as `speed`, means the field of that role, here `rpm`.
-    """
+def nearest(word: str, choices: Iterable[str], further: Iterable[str] = ()) -> str:
+    """`did you mean x?`, or the choices if neither these nor further names are similar."""
     names, typed = list(choices), word.strip().lower()
-    near = [name for name in names if name == _FIELD_OF_ROLE.get(typed)]
-    near += [name for name in names if len(typed) > 1 and name.startswith(typed)]
-    near += get_close_matches(typed, names, n=1)
-    return TranslatableText("did you mean {near}?", near=near[0]) if near else ""
-
-
-def _there_are(names: Iterable[str]) -> str:
+    near = [name for name in names if len(typed) > 1 and name.startswith(typed)]
+    if near := near or get_close_matches(typed, [*names, *further], n=1):
+        return TranslatableText("did you mean {near}?", near=near[0])
     return TranslatableText("there are {names}", names=listed(names))
-
-
-_FIELD_OF_ROLE: Final = {str(role): name for role, name in NAME_OF_ROLE.items()}
-"""What people call a field: `speed` is a kind of frame, and its field is `rpm`."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from textwrap import wrap
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.analysis.filter.row_filter import FUNCTIONS
 from fte_sniff.protocol import COLUMNS, Value, iso_time, record
@@ -58,8 +57,7 @@ FILTER_HELP: Final = "\n".join(_help())
 _LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class CellFilter:
+class CellFilter(NamedTuple):
     """The filters of one cell."""
 
     column: str
@@ -71,27 +69,26 @@ class CellFilter:
 
 def cell_filters(row: Row) -> list[CellFilter]:
     """The filters of all cells of a row, in the order of the screen's columns."""
-    values = record(row)
-    return [found for column in COLUMNS for found in _of_cell(column.name, values[column.name])]
+    return [
+        CellFilter(name, f"{name} {only}", f"{name} {without}")
+        for name, value in record(row).items()
+        for only, without in _of_cell(name, value)
+    ]
 
 
-def _of_cell(name: str, value: Value) -> Iterator[CellFilter]:
-    if isinstance(value, list):
-        words = [f"'{word}'" for word in value]
-        if not words:
-            yield CellFilter(name, f"{name} IS NULL", f"{name} IS NOT NULL")
-        for word in words:
-            yield CellFilter(name, f"{name} = {word}", f"{name} != {word}")
-    elif value is None:
-        if name == "kind":
-            yield CellFilter(name, f"{name} IS NULL", f"{name} IS NOT NULL")
+def _of_cell(name: str, value: Value) -> Iterator[tuple[str, str]]:
+    """The conditions of a cell, and their opposites."""
+    if value == [] or (value is None and name == "kind"):
+        yield "IS NULL", "IS NOT NULL"
+    elif isinstance(value, list):
+        yield from ((f"= '{word}'", f"!= '{word}'") for word in value)
     elif name == "time" and isinstance(value, int):
-        time = iso_time(value)
-        yield CellFilter(name, f"{name} >= '{time}'", f"{name} < '{time}'")
-    elif not isinstance(value, str) or value.isprintable():
-        # A device's name may have undecodable bytes, which no filter can contain.
-        literal = quoted(value) if isinstance(value, str) else f"{value}".upper()
-        yield CellFilter(name, f"{name} = {literal}", f"{name} IS DISTINCT FROM {literal}")
+        yield f">= '{iso_time(value)}'", f"< '{iso_time(value)}'"
+    elif isinstance(value, str):
+        if value.isprintable():  # a device's name may have bytes that no filter can contain
+            yield f"= {quoted(value)}", f"IS DISTINCT FROM {quoted(value)}"
+    elif value is not None:
+        yield f"= {value}".upper(), f"IS DISTINCT FROM {value}".upper()
 
 
 def both(current: str, added: str) -> str:

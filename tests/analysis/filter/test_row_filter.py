@@ -103,6 +103,7 @@ WANTED: list[tuple[str, set[str]]] = [
     ("(rpm > 500) IS FALSE", {"back", "flags"}),
     ("(rpm > 500) IS NULL", set(ROWS) - WITH_RPM),
     ("motor IS DISTINCT FROM 1", set(ROWS) - {"fast", "fb"}),
+    ("rpm IS 990", {"fb"}),
     ("motor IS NOT DISTINCT FROM NULL", {"mec", "reset", "unknown", "noise", "cut"}),
     ("length < 10", {"noise", "cut"}),
     ("cmd = 9", {"unknown"}),
