@@ -607,7 +607,8 @@ class _Parser:
 def nearest(word: str, choices: Iterable[str], further: Iterable[str] = ()) -> str:
     """`did you mean x?`, or the choices if neither these nor further names are similar."""
     names, typed = list(choices), word.strip().lower()
-    near = [name for name in names if len(typed) > 1 and name.startswith(typed)]
+    near = [field for role, field in NAME_OF_ROLE.items() if typed == role and field in names]
+    near += [name for name in names if len(typed) > 1 and name.startswith(typed)]
     if near := near or get_close_matches(typed, [*names, *further], n=1):
         return TranslatableText("did you mean {near}?", near=near[0])
     return TranslatableText("there are {names}", names=listed(names))
