@@ -6,7 +6,6 @@ Imports nothing heavy: users run it for one frame and wait for it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from io import BytesIO
 
 import click
@@ -14,7 +13,7 @@ import click
 from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
-from fte_sniff.formats.plain_hex import is_plain_hex, plain_hex
+from fte_sniff.formats.plain_hex import is_hex_line, plain_hex
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter
 from fte_sniff.protocol import Chunk, Rows
 from fte_sniff.session.framing import rows_of_chunks
@@ -62,39 +61,40 @@ def _dissection() -> RowWriter:
     return DissectionWriter(sys.stdout, width, colored=not environ.get("NO_COLOR"))
 
 
-def _rows_of(words: tuple[str, ...], notes: list[str]) -> Iterator[Rows]:
+def _rows_of(words: tuple[str, ...], notes: list[str]) -> list[Rows]:
     """Rows of the input; an input without bytes is a UsageError."""
-    text = _text_of(words)
-    if not is_plain_hex(text.decode("utf-8", "replace").splitlines()):
-        yield from _rows_of_log(text, notes)
-        return
-    data = plain_hex(text.decode("utf-8", "replace"))
-    if not data:
+    data = _bytes_of(words)
+    text = data.decode("utf-8", "replace")
+    if not all(map(is_hex_line, text.splitlines())):
+        return _rows_of_log(data, text, notes)
+    chunk = Chunk(PORT_NAME, None, b"".join(plain_hex(text)))
+    if not chunk.data:
         source = "standard input" if words in ((), ("-",)) else "the command line"
         raise UsageError(f"no bytes on {source}; try: fte-sniff hex AA 01 01 03 E8 00 00 00 00 EE")
-    yield from rows_of_chunks([Chunk(PORT_NAME, None, data)], notes.append)
+    return list(rows_of_chunks([chunk], notes.append))
 
 
-def _rows_of_log(text: bytes, notes: list[str]) -> Iterator[Rows]:
+def _rows_of_log(data: bytes, text: str, notes: list[str]) -> list[Rows]:
     """Rows of a text with other words than hex, which is an InputTextError without frames."""
     from fte_sniff.formats.log import Log
     from fte_sniff.formats.log_text import is_text
 
-    if not is_text(text):
+    if not is_text(data):
         raise FileError(
             "standard input: holds no text; if it holds raw bytes, try: fte-sniff decode -"
             " --input raw"
         )
     try:
-        log = Log(PORT_NAME, stream=BytesIO(text))
+        log = Log(PORT_NAME, stream=BytesIO(data))
+        rows = list(rows_of_chunks(log.chunks(), notes.append))
     except InputTextError:
-        plain_hex(text.decode("utf-8", "replace"))  # names the first character that is not hex
+        list(plain_hex(text))  # names the first character that is not hex
         raise
-    yield from rows_of_chunks(log.chunks(), notes.append)
     notes += log.notes()
+    return rows
 
 
-def _text_of(words: tuple[str, ...]) -> bytes:
+def _bytes_of(words: tuple[str, ...]) -> bytes:
     if "-" in words and len(words) > 1:
         raise UsageError("'-' reads standard input; give either that or bytes, not both")
     if words in ((), ("-",)):

@@ -22,6 +22,7 @@ import select
 from binascii import a2b_base64
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache, partial
 from itertools import chain, product
 from pathlib import Path
@@ -29,9 +30,9 @@ from typing import BinaryIO, Final, NamedTuple, NoReturn
 
 from fte_sniff.errors import FileError, InputTextError, quoted, unreadable
 from fte_sniff.formats.known_files import refuse_results
-from fte_sniff.formats.log_text import LogText, too_long
-from fte_sniff.formats.log_times import LogClock, LogOptions, style_of
-from fte_sniff.formats.plain_hex import is_hex_line, is_plain_hex, plain_hex, plain_pieces
+from fte_sniff.formats.log_text import LONGEST_LINE, LogText, is_text
+from fte_sniff.formats.log_times import LogClock, LogOptions
+from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import (
     FRAME_LENGTH,
@@ -54,16 +55,9 @@ class Form(NamedTuple):
     bytes_of: Callable[[str], bytes]
     """Reads a run; raises ValueError if it is not one."""
 
-    @property
-    def is_numeric(self) -> bool:
-        """Whether its runs are not found in any text."""
-        return self.name not in ("quoted escapes", "base64")
-
 
 _PAIR: Final = re.compile(r"(?:0[xX]|16#|&[hH])?([0-9A-Fa-f]{2})")
-
-
-_DIGITS: Final = re.compile(r"-?\d+")
+_NUMBERS: Final = re.compile(r"-?[0-9A-Fa-f]+")
 
 
 def _hex(run: str) -> bytes:
@@ -73,25 +67,18 @@ def _hex(run: str) -> bytes:
         return bytes.fromhex("".join(_PAIR.findall(run)))
 
 
-def _unpadded(run: str) -> bytes:
-    return bytes(int(token, 16) for token in re.findall(r"[0-9A-Fa-f]+", run.replace("0x", "")))
-
-
-def _decimal(run: str) -> bytes:
-    values = [*map(int, _DIGITS.findall(run))]
-    if min(values) < 0:
-        values = [value % 256 if value >= -128 else value for value in values]
-    return bytes(values)
+def _numbers(base: int, run: str) -> bytes:
+    values = [int(token, base) for token in _NUMBERS.findall(run.replace("0x", ""))]
+    try:
+        return bytes(values)
+    except ValueError:  # signed
+        return bytes(value % 256 if value >= -128 else value for value in values)
 
 
 def _octal(run: str) -> bytes:
     tokens = run.split()
     size = 2 if len(tokens[0]) > len("377") else 1
     return b"".join(int(token, 8).to_bytes(size, "little") for token in tokens)
-
-
-def _bits(run: str) -> bytes:
-    return bytes(int(token, 2) for token in run.split())
 
 
 _UNESCAPE: Final[Callable[[bytes], tuple[bytes, int]]] = codecs.escape_decode
@@ -125,10 +112,10 @@ FORMS: Final = tuple(
         ("hex pairs", _PAIRS, _hex),
         ("hex digits", r"(?:0[xX]|\\x)?(?:[0-9A-Fa-f]{2})++", _hex),
         ("hex groups", rf"{_GROUP}(?: {_GROUP})*+", _hex),
-        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", _unpadded),
-        ("decimal", _DECIMALS, _decimal),
+        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, 16)),
+        ("decimal", _DECIMALS, partial(_numbers, 10)),
         ("octal", rf"(?:{_OCTAL}(?: {_OCTAL})*+|{_OCTAL_WORD}(?: {_OCTAL_WORD})*+)", _octal),
-        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", _bits),
+        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", partial(_numbers, 2)),
         ("quoted escapes", _STRINGS, _escaped),
         ("base64", rf"(?:(?:{_SIX}{{4}})++(?:{_PADDED})?|{_PADDED})", a2b_base64),
     )
@@ -190,161 +177,34 @@ class Line(NamedTuple):
     """The text before the data, or that of a heading; its time is a line feed."""
 
 
+class Heading(NamedTuple):
+    """The lines without data above a line."""
+
+    way: str = ""
+    text: str = ""
+    time: re.Match[str] | None = None
+
+    def under(self, line: Line) -> Heading:
+        """The headings below a line without data."""
+        way, text = way_in(line.before) or self.way, line.before.strip() or self.text
+        return Heading(way, text, line.time or self.time)
+
+
 Lane = tuple[str, str]
 """What runs with data have in common: the last word before them, and the sign between two bytes."""
-
-
-class Run(NamedTuple):
-    """Consecutive bytes in a line."""
-
-    lane: Lane
-    data: bytes
-    start: int
-    end: int
-
-
-class LineReader:
-    """Reads lines whose bytes have a form."""
-
-    def __init__(self, form: Form, lines: Sequence[str], pattern: re.Pattern[str] | None) -> None:
-        """A reader; the first lines show which lanes have data, and the style of the times."""
-        self.form, self._pattern = form, pattern
-        self._style = style_of(lines) if pattern is None else _style_of_groups(pattern, lines)
-        self._cuts: dict[Lane, slice] = {}
-        """By lane with data, which bytes of a run are data."""
-        self._twins = set[Lane]()
-        """Lanes whose data are in another lane too."""
-        self._ends = set[tuple[str, bool]]()
-        """By word, whether something may be behind a short run."""
-        self.has_ways = True
-        """Whether words name the ways of lines."""
-        if pattern is None:
-            self._learn(lines)
-
-    def read(self, text: str) -> list[Line]:
-        """What a line holds: its runs with data, or itself as a heading."""
-        if self._pattern is not None:
-            return [self._read_groups(text, self._pattern)]
-        text, time = self._masked(text)
-        found, stop, way = list[Line](), 0, ""
-        for run in self._runs(text):
-            if self._is_data(run, text):
-                before = text[max(stop, run.start - _LONGEST_BEFORE) : run.start]
-                way = way_in(before) or way if self.has_ways else ""
-                found.append(Line(run.data[self._cuts[run.lane]], time, way, before))
-                stop = run.end
-        if not found:
-            return [Line(b"", time, "", text)]
-        if self.has_ways and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
-            return [line._replace(way=way) for line in found]
-        return found
-
-    def _masked(self, line: str) -> tuple[str, re.Match[str] | None]:
-        """The line without its time."""
-        text = line.rstrip()
-        time = self._style.search(text) if self._style else None
-        if time is not None:
-            text = f"{text[: time.start()]}\n{text[time.end() :]}"
-        return text, time
-
-    def _runs(self, text: str) -> Iterator[Run]:
-        has_sign = self.form.run.groups > 0
-        for found in self.form.run.finditer(text):
-            start, end = found.span()
-            try:
-                data = self.form.bytes_of(found[0])
-            except ValueError:
-                continue
-            if data:
-                before = text[start - _LONGEST_WORD if start > _LONGEST_WORD else 0 : start]
-                sign = found[1] or "" if has_sign else ""
-                yield Run((_word(before.translate(_ZEROS)), sign), data, start, end)
-
-    def _is_data(self, run: Run, text: str) -> bool:
-        """Whether the lane of a run has data; it has from its first whole frame on."""
-        if run.lane not in self._cuts:
-            is_new = len(run.data) >= FRAME_LENGTH and run.lane not in self._twins
-            if not is_new or not _FRAME.search(run.data):
-                return False
-            self._add(run.lane, slice(None))
-        return len(run.data) >= _FEW or (run.lane[0], _is_last(run, text)) in self._ends
-
-    def _add(self, lane: Lane, cut: slice) -> None:
-        for one in (lane, (lane[0], "")):  # a single byte has no sign
-            self._cuts.setdefault(one, cut)
-
-    def _learn(self, lines: Sequence[str]) -> None:
-        lanes, all_data = defaultdict[Lane, list[tuple[bool, Run]]](list), list[bytes]()
-        wires = defaultdict[tuple[Lane, str], bytes](bytes)
-        for line in lines:
-            text, _ = self._masked(line)
-            for run in self._runs(text):
-                lanes[run.lane].append((_is_last(run, text), run))
-                wires[run.lane, way_in(text[: run.start])] += run.data
-        with_frames = {lane for (lane, _), data in wires.items() if _FRAME.search(data)}
-        for lane, runs in lanes.items():
-            data = b"".join(run.data for _, run in runs)
-            if lane not in with_frames:
-                continue
-            if any(_are_twins(data, other) for other in all_data):
-                self._twins.add(lane)
-                continue
-            all_data.append(data)
-            self._add(lane, _best_cut([run.data for _, run in runs]))
-            ends = Counter(is_last for is_last, run in runs if len(run.data) >= _FEW)
-            ends = ends or Counter(is_last for is_last, _ in runs)
-            self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
-
-    def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
-        """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""
-        size, examples = 0, list[str]()
-        for line in lines:
-            data = max((len(run.data) for run in self._runs(self._masked(line)[0])), default=0)
-            if data >= _FEW:
-                size += data
-                examples.append(quoted(line.strip()[:40]))
-        return size, f"{self.form.name} ({size:,} bytes, {', '.join(examples[:2])})"
-
-    def notes(self) -> Iterator[str]:
-        """What is not read though it is beside the data, one line each."""
-        if any(cut != slice(None) for cut in self._cuts.values()):
-            yield (
-                "the same bytes before or behind the frames of each line, such as a length or a"
-                " checksum, are left out"
-            )
-
-    def _read_groups(self, line: str, pattern: re.Pattern[str]) -> Line:
-        found = pattern.search(line)
-        if found is None:
-            return Line()
-        groups = found.groupdict()
-        data = b"".join(run.data for run in self._runs(groups["data"] or ""))
-        stamp, way = groups.get("time") or "", groups.get("dir") or ""
-        time = self._style.search(stamp) if self._style else None
-        return Line(data, time, way_in(way) or way, way)
-
-
-def _style_of_groups(pattern: re.Pattern[str], lines: Iterable[str]) -> re.Pattern[str] | None:
-    """The style of the times that a regular expression finds in lines."""
-    found = (one.groupdict().get("time") for line in lines if (one := pattern.search(line)))
-    return style_of([text for text in found if text], alone=True)
-
-
-def _is_last(run: Run, text: str) -> bool:
-    """Whether a run is not a key, and no word is behind it in its line."""
-    return not (text.startswith(":", run.end) or _LETTERS.search(text, run.end))
-
-
 _FEW: Final = 4
 """Bytes of a run from which on it is not a number by accident."""
-
-
 _CUTS: Final = [slice(a or None, -b or None) for a, b in product(range(5), range(3))]
 """What may be beside the data of each run: up to four bytes before, and two behind them."""
 _MANY: Final = 5
 """Runs that show it."""
 _CLEAN: Final = 0.8
 """Of the bytes between them, how many are in frames."""
+
+
+def _score(frames: int, size: int) -> float:
+    """Frames count for a reading, bytes outside frames against it."""
+    return 10 * frames - 0.05 * (size - FRAME_LENGTH * frames)
 
 
 def _best_cut(runs: Sequence[bytes]) -> slice:
@@ -364,29 +224,9 @@ def _are_twins(one: bytes, other: bytes) -> bool:
     return 2 * len(shorter) > len(longer) and longer.startswith(shorter)
 
 
-def _score(frames: int, size: int) -> float:
-    """Frames count for a reading, bytes outside frames against it."""
-    return 10 * frames - 0.05 * (size - FRAME_LENGTH * frames)
-
-
-# Headings and ways
-
-
-class Heading(NamedTuple):
-    """The lines without data above a line."""
-
-    way: str = ""
-    text: str = ""
-    time: re.Match[str] | None = None
-    is_new: bool = False
-    """Whether no data was below the time so far."""
-
-    def under(self, line: Line) -> Heading:
-        """The headings below a line without data."""
-        way, text = way_in(line.before) or self.way, line.before.strip() or self.text
-        if line.time is None:
-            return self._replace(way=way, text=text)
-        return Heading(way, text, line.time, is_new=True)
+def _is_last(text: str, end: int) -> bool:
+    """Whether a run that ends there is not a key, and no word is behind it in its line."""
+    return not (text.startswith(":", end) or _LETTERS.search(text, end))
 
 
 def _numberless(text: str) -> str:
@@ -401,104 +241,229 @@ _NAMES: Final[Sequence[Callable[[Line, Heading], str]]] = (
 )
 """Texts that may name a wire, by a line and the headings above it."""
 _MOST_NAMES: Final = 8
-
-
-class Layout:
-    """Which lines have times and ways, decided by the first lines; keeps the headings."""
-
-    def __init__(self, lines: Iterable[Line]) -> None:
-        self._above, found, stamps = Heading(), list[tuple[Line, Heading]](), 0
-        for line in lines:
-            if line.data:
-                found.append((line, self._above))
-                self._above = self._above._replace(is_new=False)
-            else:
-                stamps += line.time is not None
-                self._above = self._above.under(line)
-        own_times = sum(line.time is not None for line, _ in found)
-        times_in_lines = 0 < len(found) <= 2 * own_times
-        new_times = sum(above.is_new for _, above in found)
-        self._times_above = not times_in_lines and 0 < stamps <= 2 * new_times
-        self.has_times = times_in_lines or self._times_above
-        self._ways_above = 2 * sum(bool(line.way) for line, _ in found) < len(found)
-        self._names = dict[str, str]()
-        self.has_words = True
-        """Whether words name the ways of lines."""
-        self.has_words = len({self._way(*one) for one in found} - {""}) > 1
-        self._name_of = next(filter(partial(self._are_names, found), _NAMES), _NAMES[0])
-        self.wires = defaultdict[str, bytes](bytes)
-        """The data of the first lines, by their ways."""
-        for line, above in found:
-            self.wires[self._way(line, above)] += line.data
-        self._above = Heading()
-        self._uses_headings = (
-            self._times_above or bool(self._names) or (self.has_words and self._ways_above)
-        )
-
-    def is_heading(self, line: Line) -> bool:
-        """Observe a line; whether the lines below it have their time or way from it."""
-        if line.data or not self._uses_headings:
-            return False
-        self._above = self._above.under(line)
-        by_name = bool(self._names) and self._name_of in _NAMES[2:]
-        has_way = self.has_words and self._ways_above and bool(way_in(line.before))
-        return (self._times_above and line.time is not None) or has_way or by_name
-
-    def place(self, line: Line) -> tuple[str, re.Match[str] | None]:
-        """The way and the time of a line with data; a line without a time has none."""
-        time = line.time or (self._above.time if self._times_above else None)
-        return self._way(line, self._above), time
-
-    def _way(self, line: Line, above: Heading) -> str:
-        if self.has_words:
-            return line.way or (above.way if self._ways_above else "")
-        return self._names.get(self._name_of(line, above), "") if self._names else ""
-
-    def _are_names(
-        self, found: Sequence[tuple[Line, Heading]], name_of: Callable[[Line, Heading], str]
-    ) -> bool:
-        """Whether a text names the wires: with each are frames of one direction only."""
-        data = defaultdict[str, bytes](bytes)
-        for line, above in () if self.has_words else found:
-            data[name_of(line, above)] += line.data
-        if not 2 <= len(data) <= _MOST_NAMES:
-            return False
-        heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
-        are_pure = all(len(own) == 1 for own in heads.values())
-        if are_pure and set.union(*heads.values()) == _WAY_OF.keys():
-            self._names = {name: _WAY_OF[min(own)] for name, own in heads.items()}
-        return bool(self._names)
-
-
 _WAY_OF: Final = {HEADERS[Direction.CONTROL]: "tx", HEADERS[Direction.FEEDBACK]: "rx"}
 """By header of a frame."""
 
 
+class Reading:
+    """How lines with bytes in a form are read, as the first ones show; keeps the headings."""
+
+    def __init__(
+        self,
+        form: Form,
+        lines: Sequence[str],
+        style: re.Pattern[str] | None,
+        pattern: re.Pattern[str] | None,
+    ) -> None:
+        """Decide which lanes have data, and whether times and ways are beside or above them."""
+        self.form, self._style, self._pattern = form, style, pattern
+        self._cuts: dict[Lane, slice] = {}
+        """By lane with frames, which bytes of a run are data: none if another lane has them too."""
+        self._ends = set[tuple[str, bool]]()
+        """By word, whether something may be behind a short run."""
+        self._skipped, self._example, self._above = 0, "", Heading()
+        self._has_words, self._names = True, dict[str, str]()
+        if pattern is None:
+            self._learn_lanes(lines)
+        self._learn_wires(chain.from_iterable(map(self._lines_of, lines)))
+
+    # Lanes
+
+    def _learn_lanes(self, lines: Iterable[str]) -> None:
+        lanes, all_data = defaultdict[Lane, list[tuple[bool, bytes]]](list), list[bytes]()
+        wires = defaultdict[tuple[Lane, str], bytes](bytes)
+        for text, _ in map(self._masked, lines):
+            for run in self.form.run.finditer(text):
+                lane, data = self._lane(text, run), self._bytes(run)
+                lanes[lane].append((_is_last(text, run.end()), data))
+                wires[lane, way_in(text[: run.start()])] += data
+        with_frames = {lane for (lane, _), data in wires.items() if _FRAME.search(data)}
+        for lane in filter(with_frames.__contains__, lanes):
+            runs = [data for _, data in lanes[lane]]
+            data = b"".join(runs)
+            is_twin = any(_are_twins(data, other) for other in all_data)
+            self._add(lane, slice(0) if is_twin else _best_cut(runs))
+            all_data.append(data)
+            long = [is_last for is_last, data in lanes[lane] if len(data) >= _FEW]
+            ends = Counter(long or [is_last for is_last, _ in lanes[lane]])
+            self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
+
+    def _add(self, lane: Lane, cut: slice) -> None:
+        for one in (lane, (lane[0], "")):  # a single byte has no sign
+            self._cuts.setdefault(one, cut)
+
+    def _masked(self, line: str) -> tuple[str, re.Match[str] | None]:
+        """The line without its time."""
+        text = line.rstrip()
+        if time := self._style and self._style.search(text):
+            text = f"{text[: time.start()]}\n{text[time.end() :]}"
+        return text, time
+
+    def _lane(self, text: str, run: re.Match[str]) -> Lane:
+        start = run.start()
+        before = text[start - _LONGEST_WORD if start > _LONGEST_WORD else 0 : start]
+        return _word(before.translate(_ZEROS)), run[run.lastindex or 0] if run.lastindex else ""
+
+    def _bytes(self, run: re.Match[str]) -> bytes:
+        try:
+            return self.form.bytes_of(run[0])
+        except ValueError:
+            return b""
+
+    # Lines
+
+    def _lines_of(self, line: str) -> list[Line]:
+        """What a line holds: its runs with data, or itself as a heading."""
+        if self._pattern is not None:
+            return [self._groups_of(line, self._pattern)]
+        text, time = self._masked(line)
+        found, stop, way = list[Line](), 0, ""
+        for run in self.form.run.finditer(text):
+            if data := self._data(text, run):
+                before = text[max(stop, run.start() - _LONGEST_BEFORE) : run.start()]
+                way = way_in(before) or way if self._has_words else ""
+                found.append(Line(data, time, way, before))
+                stop = run.end()
+        if not found:
+            return [Line(b"", time, "", text)]
+        if self._has_words and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
+            return [line._replace(way=way) for line in found]
+        return found
+
+    def _data(self, text: str, run: re.Match[str]) -> bytes:
+        """The data of a run; its lane has data from its first whole frame on."""
+        lane = self._lane(text, run)
+        if lane not in self._cuts:
+            is_long = run.end() - run.start() >= FRAME_LENGTH
+            if not is_long or not _FRAME.search(self._bytes(run)):
+                return b""
+            self._add(lane, slice(None))
+        data = self._bytes(run)
+        if len(data) < _FEW and (lane[0], _is_last(text, run.end())) not in self._ends:
+            return b""
+        return data[self._cuts[lane]]
+
+    def _groups_of(self, line: str, pattern: re.Pattern[str]) -> Line:
+        found = pattern.search(line)
+        groups = {} if found is None else found.groupdict()
+        runs = self.form.run.finditer(groups.get("data") or "")
+        stamp, way = groups.get("time") or "", groups.get("dir") or ""
+        time = self._style.search(stamp) if self._style else None
+        return Line(b"".join(map(self._bytes, runs)), time, way_in(way) or way, way)
+
+    # Times and wires
+
+    def _learn_wires(self, lines: Iterable[Line]) -> None:
+        above, found, stamps = Heading(), list[tuple[Line, Heading]](), 0
+        for line in lines:
+            if line.data:
+                found.append((line, above))
+            else:
+                stamps += line.time is not None
+                above = above.under(line)
+        are_beside = 0 < len(found) <= 2 * sum(line.time is not None for line, _ in found)
+        self._times_above = not are_beside and 0 < stamps <= 2 * len(found)
+        self.has_times = are_beside or self._times_above
+        self._ways_above = 2 * sum(bool(line.way) for line, _ in found) < len(found)
+        self._has_words = len({self._way(*one) for one in found} - {""}) > 1
+        if not self._has_words:
+            self._ways_above = False
+            self._name_of = next(filter(partial(self._are_names, found), _NAMES), _NAMES[0])
+        self.wires = defaultdict[str, bytes](bytes)
+        """The data of the first lines, by their ways."""
+        for line, above in found:
+            self.wires[self._way(line, above)] += line.data
+        self.frames = sum(len(_FRAME.findall(data)) for data in self.wires.values())
+        self.size = sum(map(len, self.wires.values()))
+        self.score = _score(self.frames, self.size)
+
+    def _way(self, line: Line, above: Heading) -> str:
+        if self._has_words:
+            return line.way or (above.way if self._ways_above else "")
+        return self._names.get(self._name_of(line, above), "") if self._names else ""
+
+    def _are_names(
+        self, found: Iterable[tuple[Line, Heading]], name_of: Callable[[Line, Heading], str]
+    ) -> bool:
+        """Whether a text names the wires: with each are frames of one direction only."""
+        data = defaultdict[str, bytes](bytes)
+        for line, above in found:
+            data[name_of(line, above)] += line.data
+        heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
+        are_pure = len(heads) <= _MOST_NAMES and all(len(own) == 1 for own in heads.values())
+        if are_pure and set[int]().union(*heads.values()) == _WAY_OF.keys():
+            self._names = {name: _WAY_OF[min(own)] for name, own in heads.items()}
+        return bool(self._names)
+
+    def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
+        """The way, the time and the data of each line with data."""
+        for text in block.split("\n"):
+            for line in self._lines_of(text):
+                if line.data:
+                    time = line.time or (self._above.time if self._times_above else None)
+                    yield self._way(line, self._above), time, line.data
+                elif not self._is_heading(line) and text and not text.isspace():
+                    self._skipped += 1
+                    self._example = self._example or text
+
+    def _is_heading(self, line: Line) -> bool:
+        """Observe a line without data; whether the lines below have their time or way from it."""
+        by_name = bool(self._names) and self._name_of in _NAMES[2:]
+        if not (self._times_above or self._ways_above or by_name):
+            return False
+        self._above = self._above.under(line)
+        has_time = self._times_above and line.time is not None
+        return has_time or by_name or (self._ways_above and bool(way_in(line.before)))
+
+    def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
+        """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""
+        size, examples = 0, list[str]()
+        for line in lines:
+            runs = self.form.run.finditer(self._masked(line)[0])
+            data = max((len(self._bytes(run)) for run in runs), default=0)
+            if data >= _FEW:
+                size += data
+                examples.append(quoted(line.strip()[:40]))
+        return size, f"{self.form.name} ({size:,} bytes, {', '.join(examples[:2])})"
+
+    def notes(self) -> Iterator[str]:
+        """What is not read, one line each; complete after reading."""
+        example = quoted(self._example.strip()[:80])
+        if self._skipped == 1:
+            yield f"one line holds no bytes: {example}"
+        elif self._skipped:
+            yield f"{self._skipped:,} lines hold no bytes, for example {example}"
+        if any(cut not in (slice(None), slice(0)) for cut in self._cuts.values()):
+            yield (
+                "the same bytes before or behind the frames of each line, such as a length or a"
+                " checksum, are left out"
+            )
+
+
+class PlainReading:
+    """Reads plain hex."""
+
+    has_times = False
+    wires: Final = {"": b""}
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        """Find the frames in the first lines without a mistake."""
+        data = b"".join(plain_hex("\n".join(filter(is_hex_line, lines))))
+        self.frames = len(_FRAME.findall(data))
+        self.score = _score(self.frames, len(data))
+        self._number = 1
+
+    def read(self, block: str) -> Iterator[tuple[str, None, bytes]]:
+        """No way, no time and the bytes; raises InputTextError at a mistake."""
+        first, self._number = self._number, self._number + block.count("\n")
+        return (("", None, data) for data in plain_hex(block, first))
+
+    def notes(self) -> Iterator[str]:
+        """Nothing: all of it is read."""
+        return iter(())
+
+
 # The log
-
-
-class Evidence(NamedTuple):
-    """What a form finds in the first lines."""
-
-    frames: int
-    size: int
-    reader: LineReader
-    layout: Layout
-
-    @property
-    def score(self) -> float:
-        """Compares forms."""
-        return _score(self.frames, self.size)
-
-    @classmethod
-    def of(cls, form: Form, lines: Sequence[str], pattern: re.Pattern[str] | None) -> Evidence:
-        """That of a form."""
-        reader = LineReader(form, lines, pattern)
-        layout = Layout(chain.from_iterable(map(reader.read, lines)))
-        reader.has_ways = layout.has_words
-        frames = sum(len(_FRAME.findall(data)) for data in layout.wires.values())
-        return cls(frames, sum(map(len, layout.wires.values())), reader, layout)
-
 
 _SAMPLES: Final = 200, 2_000, 20_000
 """Lines that decide how a log is read; more only if they hold no frames."""
@@ -523,35 +488,21 @@ class Log:
             InputTextError: no frames are found in its first lines.
         """
         self.name, self.options = name, options or LogOptions()
-        self._text = LogText()
-        self._file: BinaryIO | None = None
-        self._stream = stream
+        self._text, self._stream = LogText(), stream
         self._blocks = self._text.blocks(stream) if stream else self._blocks_of(Path(name))
-        self._size, self._skipped, self._example = 0, 0, ""
+        self._size = 0
         first = self._decide()
         self._clock = LogClock(first, name, self.options)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether it is hex without any other text."""
-        return self._evidence is None
-
-    @property
     def ports(self) -> list[str]:
         """The ports of the first lines."""
-        if self._evidence is None:
-            return [self.name]
-        return [self._port(way) for way in self._evidence.layout.wires] or [self.name]
-
-    @property
-    def position(self) -> int:
-        """Bytes of its file that were read; 0 of a stream, and after the end."""
-        return 0 if self._file is None or self._file.closed else self._file.tell()
+        return [*map(self._port, self._reading.wires)] or [self.name]
 
     def _blocks_of(self, path: Path) -> Iterator[str]:
         try:
-            with path.open("rb") as self._file:
-                yield from self._text.blocks(self._file)
+            with path.open("rb") as file:
+                yield from self._text.blocks(file)
         except OSError as error:
             raise unreadable(path, error) from error
 
@@ -560,57 +511,60 @@ class Log:
 
     def _decide(self) -> list[str]:
         """Decide how to read it, by its first lines, which are returned."""
-        seen, lines, self._evidence = list[str](), list[str](), None
+        seen, lines = list[str](), list[str]()
         for count in _SAMPLES:
             while len(lines) < count and (block := next(self._blocks, "")):
                 refuse_results(self.name, block if not seen else "")
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
-                if self._is_silent() and _have_frames(self._readings(lines)):
+                if self._is_silent() and self._has_frames(lines):
                     break
             first = lines[:count]
-            found = self._readings(first)
-            if _have_frames(found) or len(lines) <= count:
+            if self._has_frames(first) or len(lines) <= count:
                 break
         self._blocks = chain(seen, self._blocks)
         if not any(map(str.strip, lines)):
             raise FileError(f"{self.name} is empty; there is nothing to read")
-        if found is not None:
-            self._evidence = found[0]
-            if found[0].frames * FRAME_LENGTH <= _LEAST_SHARE * found[0].size:
-                self._refuse(first, found)
+        best = self._reading
+        if isinstance(best, Reading) and FRAME_LENGTH * best.frames <= _LEAST_SHARE * best.size:
+            self._refuse(first)
         return first
 
     def _is_silent(self) -> bool:
         """Whether a pipe has nothing more to read for now, as with `tail -f`."""
         if self._stream is None or not POSIX:
             return False
-        try:
+        with suppress(OSError, ValueError):  # not a pipe, but bytes in memory
             return not select.select([self._stream], [], [], _SILENT_S)[0]
-        except (OSError, ValueError):  # not a pipe, but bytes in memory
-            return False
+        return False
 
-    def _refuse(self, lines: Sequence[str], found: Sequence[Evidence]) -> NoReturn:
-        text = "\n".join(lines)
-        if _are_lost(self._text.first) or _are_lost(text.encode("utf-8", "replace"), _LOST_AS_HEX):
+    def _has_frames(self, lines: Sequence[str]) -> bool:
+        """Choose the best reading of lines; whether they, plain hex or not, are enough for it."""
+        pattern = self.options.pattern
+        style = LogClock(lines, self.name, self.options).style
+        self._readings = [Reading(form, lines, style, pattern) for form in FORMS]
+        best = max(self._readings, key=lambda one: one.score)
+        self._reading: Reading | PlainReading = best
+        if pattern is None and _is_plain(lines) and not _are_lost(self._text.first):
+            plain = PlainReading(lines)
+            if not best.frames or plain.score >= best.score:
+                self._reading = plain
+                return True
+        return best.frames > 0
+
+    def _refuse(self, lines: Sequence[str]) -> NoReturn:
+        if _are_lost(self._text.first):
             raise InputTextError(
                 f"{self.name}: the program that wrote it replaced bytes from 80 on, AA and EE among"
                 " them, by U+FFFD, so they are lost; record again as raw bytes, or with a display"
                 " of hex"
             )
-        if self._text.is_text:
-            raise InputTextError(f"{self.name}: {_nothing_found(lines, found)}")
+        if is_text(self._text.first):
+            raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readings)}")
         raise FileError(
             f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool wrote"
             " bytes as characters among text, record again with its display of hex"
         )
-
-    def _readings(self, lines: Sequence[str]) -> list[Evidence] | None:
-        """The evidence of all forms, the best first; None if it is plain hex."""
-        pattern = self.options.pattern
-        found = [Evidence.of(form, lines, pattern) for form in FORMS]
-        found.sort(key=lambda one: -one.score)
-        return None if pattern is None and _is_plain(lines, found[0]) else found
 
     def chunks(self) -> Iterator[Chunk]:
         """The bytes of each line, with the time of the line or of the heading above it.
@@ -621,39 +575,24 @@ class Log:
             InputTextError: something in plain hex is not hex.
             FileError: a line is too long.
         """
-        number, unfinished = 1, False
+        reading, unfinished = self._reading, False
         for block in self._blocks:
-            if self._evidence is None:
-                yield from self._plain_chunks(block, number)
-            elif unfinished:
-                raise too_long(self.name, number)
-            else:
-                yield from self._chunks_of(block, self._evidence)
+            if unfinished and isinstance(reading, Reading):
+                raise FileError(
+                    f"{self.name}: has a line longer than {LONGEST_LINE >> 20} MB, and such a line"
+                    " is read only if it is plain hex; write each record on a line"
+                )
+            try:
+                for way, time, data in reading.read(block):
+                    if reading.has_times:
+                        t_ns = self._clock.time_ns(time)
+                        yield Chunk(self._port(way), t_ns, data, is_late=True, at_once=True)
+                    else:
+                        yield self._untimed(self._port(way), data)
+            except InputTextError as error:
+                raise InputTextError(f"{self.name}: {error}") from error
             yield Chunk(self.name, None, b"")
-            number, unfinished = number + block.count("\n"), not block.endswith("\n")
-
-    def _plain_chunks(self, block: str, number: int) -> Iterator[Chunk]:
-        try:
-            for data in plain_pieces(block, number):
-                yield self._untimed(self.name, data)
-        except InputTextError as error:
-            raise InputTextError(f"{self.name}: {error}") from error
-
-    def _chunks_of(self, block: str, evidence: Evidence) -> Iterator[Chunk]:
-        reader, layout, clock = evidence.reader, evidence.layout, self._clock
-        for text in block.split("\n"):
-            for line in reader.read(text):
-                if not line.data:
-                    if not layout.is_heading(line) and text and not text.isspace():
-                        self._skipped += 1
-                        self._example = self._example or text
-                    continue
-                way, time = layout.place(line)
-                if layout.has_times:
-                    t_ns = clock.time_ns(time)
-                    yield Chunk(self._port(way), t_ns, line.data, is_late=True, at_once=True)
-                else:
-                    yield self._untimed(self._port(way), line.data)
+            unfinished = not block.endswith("\n")
 
     def _untimed(self, port: str, data: bytes) -> Chunk:
         """A chunk of a log without times; with a start, its bytes follow each other at the baud."""
@@ -666,55 +605,42 @@ class Log:
 
     def notes(self) -> Iterator[str]:
         """What is not read, one line each; complete after reading."""
-        example = quoted(self._example.strip()[:80])
-        if self._skipped == 1:
-            yield f"one line holds no bytes: {example}"
-        elif self._skipped:
-            yield f"{self._skipped:,} lines hold no bytes, for example {example}"
         if self._text.nul_bytes:
             yield (
                 f"{self._text.nul_bytes:,} NUL bytes are skipped; a power cut leaves them in files"
                 " that were being written"
             )
-
-        if self._evidence is not None:
-            yield from self._evidence.reader.notes()
+        yield from self._reading.notes()
 
     def time_notes(self) -> Iterator[str]:
         """What its times lack, one line each; complete after reading."""
         yield from self._clock.notes()
 
 
-_LOST: Final = re.compile("\ufffd".encode())
-_LOST_AS_HEX: Final = re.compile(rb"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b")
-"""U+FFFD, which programs write for what is not a character."""
+_LOST: Final = re.compile(rb"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b|\xef\xbf\xbd")
+"""U+FFFD, which programs write for what is not a character; as hex, or itself."""
 
 
-def _are_lost(text: bytes, replaced: re.Pattern[bytes] = _LOST) -> bool:
+def _are_lost(text: bytes) -> bool:
     """Whether many bytes of a text were replaced."""
-    return 100 * len(replaced.findall(text)) > len(text)
+    return 100 * len(_LOST.findall(text)) > len(text)
 
 
-def _have_frames(found: Sequence[Evidence] | None) -> bool:
-    """Whether lines, plain hex or not, are enough to decide how to read them."""
-    return found is None or found[0].frames > 0
+def _is_plain(lines: Sequence[str]) -> bool:
+    """Whether lines are plain hex, perhaps with typing errors in a few of them."""
+    wrong = [line for line in lines if not is_hex_line(line)]
+    return 10 * len(wrong) < len(lines) + 10 and all(map(has_typing_errors, wrong))
 
 
-def _is_plain(lines: Sequence[str], best: Evidence) -> bool:
-    """Whether lines are plain hex, and no form has better evidence."""
-    if not is_plain_hex(lines):
-        return False
-    if not best.frames:
-        return not _are_lost("\n".join(lines).encode(), _LOST_AS_HEX)
-    data = plain_hex("\n".join(line for line in lines if is_hex_line(line)))
-    return _score(len(_FRAME.findall(data)), len(data)) >= best.score
+_IN_ANY_TEXT: Final = ("quoted escapes", "base64")
+"""Forms whose runs are found in texts without bytes."""
 
 
-def _nothing_found(lines: Sequence[str], found: Sequence[Evidence]) -> str:
+def _nothing_found(lines: Sequence[str], readings: Iterable[Reading]) -> str:
     """What to say of a text without frames: what comes near."""
     nothing = f"no frames found in {len(lines):,} line{'' if len(lines) == 1 else 's'}"
-    numeric = (one.reader for one in found if one.reader.form.is_numeric)
-    near = sorted((reader.nearest(lines) for reader in numeric), key=lambda one: -one[0])
+    near = [one.nearest(lines) for one in readings if one.form.name not in _IN_ANY_TEXT]
+    near.sort(key=lambda one: -one[0])
     shown = " or as ".join(text for size, text in near[:2] if size)
     if not shown:
         return f"{nothing}, and no bytes in any form; --input-regex says where the bytes are"

@@ -10,8 +10,6 @@ import re
 from collections.abc import Iterator
 from typing import BinaryIO, Final
 
-from fte_sniff.errors import FileError
-
 _BLOCK: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
 _SNIFFED: Final = 4096
@@ -36,21 +34,15 @@ class LogText:
         self.first = b""
         """How it begins."""
 
-    @property
-    def is_text(self) -> bool:
-        """Whether it begins as text."""
-        return is_text(self.first)
-
     def blocks(self, stream: BinaryIO) -> Iterator[str]:
         """Blocks that end with a line; one that ends within a line is a part of a very long one."""
         read = getattr(stream, "read1", stream.read)
-        first = read(_BLOCK)
-        while 0 < len(first.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
-            first += more
-        self.first = first[:_SNIFFED]
-        encoding, pending = _MARKS.get(first[:2]), b""
+        data = read(_BLOCK)
+        while 0 < len(data.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
+            data += more
+        self.first, pending = data[:_SNIFFED], b""
+        encoding = _MARKS.get(data[:2], "")
         decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
-        data = first
         while data:
             pending += data if decoder is None else decoder.decode(data).encode()
             end = pending.rfind(b"\n") + 1
@@ -68,9 +60,9 @@ class LogText:
             self.nul_bytes += sum(map(len, _NULS.findall(data)))
             data = _NULS.sub(b"\n", data)
         text = _decoded(data)
-        if "\x1b" in text:
-            text = _ESCAPE.sub("", text)
-        return text if text.isascii() and "\0" not in text else text.translate(_PLAIN)
+        if text.isascii() and "\0" not in text and "\x1b" not in text:
+            return text
+        return _ESCAPE.sub("", text).translate(_PLAIN)
 
 
 def _decoded(data: bytes) -> str:
@@ -78,13 +70,9 @@ def _decoded(data: bytes) -> str:
     try:
         return data.decode()
     except UnicodeDecodeError:
-        return "".join(map(_line_of, data.splitlines(keepends=True)))
-
-
-def _line_of(data: bytes) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
+        lines = data.splitlines(keepends=True)
+        if len(lines) > 1:
+            return "".join(map(_decoded, lines))
         return data.decode("gb18030", "replace")
 
 
@@ -95,11 +83,3 @@ def is_text(first: bytes) -> bool:
         return True
     decoded = _decoded(first[:-4] if len(first) > 64 else first)
     return not _CONTROL.search(first) and "\ufffd" not in decoded
-
-
-def too_long(name: str, number: int) -> FileError:
-    """The error of a log with a line that is too long."""
-    return FileError(
-        f"{name}: line {number:,} is longer than {LONGEST_LINE >> 20} MB, and such a line is read"
-        " only if it is plain hex; write each record on a line"
-    )
