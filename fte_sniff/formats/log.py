@@ -57,7 +57,8 @@ class Form(NamedTuple):
 
 
 _PAIR: Final = re.compile(r"(?:0[xX]|16#|&[hH])?([0-9A-Fa-f]{2})")
-_NUMBERS: Final = re.compile(r"-?[0-9A-Fa-f]+")
+_INT_2, _INT_16 = partial(int, base=2), partial(int, base=16)
+_NUMBERS: Final = re.compile(r"-?[0-9A-Fa-f]+(?!x)")
 
 
 def _hex(run: str) -> bytes:
@@ -67,8 +68,8 @@ def _hex(run: str) -> bytes:
         return bytes.fromhex("".join(_PAIR.findall(run)))
 
 
-def _numbers(base: int, run: str) -> bytes:
-    values = [int(token, base) for token in _NUMBERS.findall(run.replace("0x", ""))]
+def _numbers(value_of: Callable[[str], int], run: str) -> bytes:
+    values = [*map(value_of, _NUMBERS.findall(run))]
     try:
         return bytes(values)
     except ValueError:  # signed
@@ -112,10 +113,10 @@ FORMS: Final = tuple(
         ("hex pairs", _PAIRS, _hex),
         ("hex digits", r"(?:0[xX]|\\x)?(?:[0-9A-Fa-f]{2})++", _hex),
         ("hex groups", rf"{_GROUP}(?: {_GROUP})*+", _hex),
-        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, 16)),
-        ("decimal", _DECIMALS, partial(_numbers, 10)),
+        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, _INT_16)),
+        ("decimal", _DECIMALS, partial(_numbers, int)),
         ("octal", rf"(?:{_OCTAL}(?: {_OCTAL})*+|{_OCTAL_WORD}(?: {_OCTAL_WORD})*+)", _octal),
-        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", partial(_numbers, 2)),
+        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", partial(_numbers, _INT_2)),
         ("quoted escapes", _STRINGS, _escaped),
         ("base64", rf"(?:(?:{_SIX}{{4}})++(?:{_PADDED})?|{_PADDED})", a2b_base64),
     )
