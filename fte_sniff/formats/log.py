@@ -167,15 +167,18 @@ def _word(before: str) -> str:
     return _NUMBER.sub("0", " ".join(last))
 
 
-class Line(NamedTuple):
-    """What a line of a log holds; a heading has no data."""
+class Entry(NamedTuple):
+    """A run of data in a line."""
 
-    data: bytes = b""
-    time: re.Match[str] | None = None
-    way: str = ""
-    """`tx`, `rx`, the word that a regular expression found, or nothing; nothing for a heading."""
-    before: str = ""
-    """The text before the data, or that of a heading; its time is a line feed."""
+    data: bytes
+    way: str
+    """`tx`, `rx`, the word that a regular expression found, or nothing."""
+    before: str
+    """The text before the data; the time in it is a line feed."""
+
+
+Parsed = tuple[str, re.Match[str] | None, list[Entry]]
+"""The text of a line without its time, the time, and the data; a heading has none."""
 
 
 class Heading(NamedTuple):
@@ -185,10 +188,10 @@ class Heading(NamedTuple):
     text: str = ""
     time: re.Match[str] | None = None
 
-    def under(self, line: Line) -> Heading:
+    def under(self, text: str, time: re.Match[str] | None) -> Heading:
         """The headings below a line without data."""
-        way, text = way_in(line.before) or self.way, line.before.strip() or self.text
-        return Heading(way, text, line.time or self.time)
+        way = way_in(text) or self.way
+        return Heading(way, text.strip() or self.text, time or self.time)
 
 
 Lane = tuple[str, str]
@@ -204,7 +207,7 @@ _CLEAN: Final = 0.8
 
 
 def _score(frames: int, size: int) -> float:
-    """Frames count for a reading, bytes outside frames against it."""
+    """Frames count for a reader, bytes outside frames against it."""
     return 10 * frames - 0.05 * (size - FRAME_LENGTH * frames)
 
 
@@ -234,11 +237,11 @@ def _numberless(text: str) -> str:
     return _NUMBER.sub("0", text)
 
 
-_NAMES: Final[Sequence[Callable[[Line, Heading], str]]] = (
-    lambda line, above: line.before.strip(),
-    lambda line, above: _numberless(line.before.strip()),
-    lambda line, above: above.text,
-    lambda line, above: _numberless(above.text),
+_NAMES: Final[Sequence[Callable[[Entry, Heading], str]]] = (
+    lambda entry, above: entry.before.strip(),
+    lambda entry, above: _numberless(entry.before.strip()),
+    lambda entry, above: above.text,
+    lambda entry, above: _numberless(above.text),
 )
 """Texts that may name a wire, by a line and the headings above it."""
 _MOST_NAMES: Final = 8
@@ -246,7 +249,7 @@ _WAY_OF: Final = {HEADERS[Direction.CONTROL]: "tx", HEADERS[Direction.FEEDBACK]:
 """By header of a frame."""
 
 
-class Reading:
+class LineReader:
     """How lines with bytes in a form are read, as the first ones show; keeps the headings."""
 
     def __init__(
@@ -266,7 +269,7 @@ class Reading:
         self._has_words, self._names = True, dict[str, str]()
         if pattern is None:
             self._learn_lanes(lines)
-        self._learn_wires(chain.from_iterable(map(self._lines_of, lines)))
+        self._learn_wires(map(self._parsed, lines))
 
     # Lanes
 
@@ -313,23 +316,21 @@ class Reading:
 
     # Lines
 
-    def _lines_of(self, line: str) -> list[Line]:
-        """What a line holds: its runs with data, or itself as a heading."""
+    def _parsed(self, line: str) -> Parsed:
         if self._pattern is not None:
-            return [self._groups_of(line, self._pattern)]
+            return self._groups_of(line, self._pattern)
         text, time = self._masked(line)
-        found, stop, way = list[Line](), 0, ""
+        found, stop, way = list[Entry](), 0, ""
         for run in self.form.run.finditer(text):
             if data := self._data(text, run):
                 before = text[max(stop, run.start() - _LONGEST_BEFORE) : run.start()]
                 way = way_in(before) or way if self._has_words else ""
-                found.append(Line(data, time, way, before))
+                found.append(Entry(data, way, before))
                 stop = run.end()
-        if not found:
-            return [Line(b"", time, "", text)]
-        if self._has_words and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
-            return [line._replace(way=way) for line in found]
-        return found
+        if found and self._has_words and not way:
+            way = way_in(text[stop : stop + _LONGEST_BEFORE])
+            found = [entry._replace(way=way) for entry in found]
+        return text, time, found
 
     def _data(self, text: str, run: re.Match[str]) -> bytes:
         """The data of a run; its lane has data from its first whole frame on."""
@@ -344,52 +345,52 @@ class Reading:
             return b""
         return data[self._cuts[lane]]
 
-    def _groups_of(self, line: str, pattern: re.Pattern[str]) -> Line:
-        found = pattern.search(line)
-        groups = {} if found is None else found.groupdict()
-        runs = self.form.run.finditer(groups.get("data") or "")
-        stamp, way = groups.get("time") or "", groups.get("dir") or ""
-        time = self._style.search(stamp) if self._style else None
-        return Line(b"".join(map(self._bytes, runs)), time, way_in(way) or way, way)
+    def _groups_of(self, line: str, pattern: re.Pattern[str]) -> Parsed:
+        match = pattern.search(line)
+        groups = {} if match is None else match.groupdict()
+        data = b"".join(map(self._bytes, self.form.run.finditer(groups.get("data") or "")))
+        way = groups.get("dir") or ""
+        time = self._style and self._style.search(groups.get("time") or "")
+        return line, time, [Entry(data, way_in(way) or way, way)] if data else []
 
     # Times and wires
 
-    def _learn_wires(self, lines: Iterable[Line]) -> None:
-        above, found, stamps = Heading(), list[tuple[Line, Heading]](), 0
-        for line in lines:
-            if line.data:
-                found.append((line, above))
-            else:
-                stamps += line.time is not None
-                above = above.under(line)
-        are_beside = 0 < len(found) <= 2 * sum(line.time is not None for line, _ in found)
+    def _learn_wires(self, lines: Iterable[Parsed]) -> None:
+        above, found, stamps, own_stamps = Heading(), list[tuple[Entry, Heading]](), 0, 0
+        for text, time, entries in lines:
+            found += [(entry, above) for entry in entries]
+            own_stamps += len(entries) * (time is not None)
+            if not entries:
+                stamps += time is not None
+                above = above.under(text, time)
+        are_beside = 0 < len(found) <= 2 * own_stamps
         self._times_above = not are_beside and 0 < stamps <= 2 * len(found)
         self.has_times = are_beside or self._times_above
-        self._ways_above = 2 * sum(bool(line.way) for line, _ in found) < len(found)
+        self._ways_above = 2 * sum(bool(entry.way) for entry, _ in found) < len(found)
         self._has_words = len({self._way(*one) for one in found} - {""}) > 1
         if not self._has_words:
             self._ways_above = False
             self._name_of = next(filter(partial(self._are_names, found), _NAMES), _NAMES[0])
         self.wires = defaultdict[str, bytes](bytes)
         """The data of the first lines, by their ways."""
-        for line, above in found:
-            self.wires[self._way(line, above)] += line.data
+        for entry, above in found:
+            self.wires[self._way(entry, above)] += entry.data
         self.frames = sum(len(_FRAME.findall(data)) for data in self.wires.values())
         self.size = sum(map(len, self.wires.values()))
         self.score = _score(self.frames, self.size)
 
-    def _way(self, line: Line, above: Heading) -> str:
+    def _way(self, entry: Entry, above: Heading) -> str:
         if self._has_words:
-            return line.way or (above.way if self._ways_above else "")
-        return self._names.get(self._name_of(line, above), "") if self._names else ""
+            return entry.way or (above.way if self._ways_above else "")
+        return self._names.get(self._name_of(entry, above), "") if self._names else ""
 
     def _are_names(
-        self, found: Iterable[tuple[Line, Heading]], name_of: Callable[[Line, Heading], str]
+        self, found: Iterable[tuple[Entry, Heading]], name_of: Callable[[Entry, Heading], str]
     ) -> bool:
         """Whether a text names the wires: with each are frames of one direction only."""
         data = defaultdict[str, bytes](bytes)
-        for line, above in found:
-            data[name_of(line, above)] += line.data
+        for entry, above in found:
+            data[name_of(entry, above)] += entry.data
         heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
         are_pure = len(heads) <= _MOST_NAMES and all(len(own) == 1 for own in heads.values())
         if are_pure and set[int]().union(*heads.values()) == _WAY_OF.keys():
@@ -398,23 +399,24 @@ class Reading:
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
         """The way, the time and the data of each line with data."""
-        for text in block.split("\n"):
-            for line in self._lines_of(text):
-                if line.data:
-                    time = line.time or (self._above.time if self._times_above else None)
-                    yield self._way(line, self._above), time, line.data
-                elif not self._is_heading(line) and text and not text.isspace():
-                    self._skipped += 1
-                    self._example = self._example or text
+        for line in block.split("\n"):
+            text, time, entries = self._parsed(line)
+            if self._times_above:
+                time = time or self._above.time
+            for entry in entries:
+                yield self._way(entry, self._above), time, entry.data
+            if not entries and not self._is_heading(text, time) and line and not line.isspace():
+                self._skipped += 1
+                self._example = self._example or line
 
-    def _is_heading(self, line: Line) -> bool:
+    def _is_heading(self, text: str, time: re.Match[str] | None) -> bool:
         """Observe a line without data; whether the lines below have their time or way from it."""
         by_name = bool(self._names) and self._name_of in _NAMES[2:]
         if not (self._times_above or self._ways_above or by_name):
             return False
-        self._above = self._above.under(line)
-        has_time = self._times_above and line.time is not None
-        return has_time or by_name or (self._ways_above and bool(way_in(line.before)))
+        self._above = self._above.under(text, time)
+        has_time = self._times_above and time is not None
+        return has_time or by_name or (self._ways_above and bool(way_in(text)))
 
     def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
         """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""
@@ -428,7 +430,7 @@ class Reading:
         return size, f"{self.form.name} ({size:,} bytes, {', '.join(examples[:2])})"
 
     def notes(self) -> Iterator[str]:
-        """What is not read, one line each; complete after reading."""
+        """What is not read, one line each; complete after reader."""
         example = quoted(self._example.strip()[:80])
         if self._skipped == 1:
             yield f"one line holds no bytes: {example}"
@@ -441,7 +443,7 @@ class Reading:
             )
 
 
-class PlainReading:
+class PlainReader:
     """Reads plain hex."""
 
     has_times = False
@@ -498,7 +500,7 @@ class Log:
     @property
     def ports(self) -> list[str]:
         """The ports of the first lines."""
-        return [*map(self._port, self._reading.wires)] or [self.name]
+        return [*map(self._port, self._reader.wires)] or [self.name]
 
     def _blocks_of(self, path: Path) -> Iterator[str]:
         try:
@@ -526,8 +528,8 @@ class Log:
         self._blocks = chain(seen, self._blocks)
         if not any(map(str.strip, lines)):
             raise FileError(f"{self.name} is empty; there is nothing to read")
-        best = self._reading
-        if isinstance(best, Reading) and FRAME_LENGTH * best.frames <= _LEAST_SHARE * best.size:
+        best = self._reader
+        if isinstance(best, LineReader) and FRAME_LENGTH * best.frames <= _LEAST_SHARE * best.size:
             self._refuse(first)
         return first
 
@@ -540,16 +542,16 @@ class Log:
         return False
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
-        """Choose the best reading of lines; whether they, plain hex or not, are enough for it."""
+        """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
         pattern = self.options.pattern
         style = LogClock(lines, self.name, self.options).style
-        self._readings = [Reading(form, lines, style, pattern) for form in FORMS]
-        best = max(self._readings, key=lambda one: one.score)
-        self._reading: Reading | PlainReading = best
+        self._readers = [LineReader(form, lines, style, pattern) for form in FORMS]
+        best = max(self._readers, key=lambda one: one.score)
+        self._reader: LineReader | PlainReader = best
         if pattern is None and _is_plain(lines) and not _are_lost(self._text.first):
-            plain = PlainReading(lines)
+            plain = PlainReader(lines)
             if not best.frames or plain.score >= best.score:
-                self._reading = plain
+                self._reader = plain
                 return True
         return best.frames > 0
 
@@ -561,7 +563,7 @@ class Log:
                 " of hex"
             )
         if is_text(self._text.first):
-            raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readings)}")
+            raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readers)}")
         raise FileError(
             f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool wrote"
             " bytes as characters among text, record again with its display of hex"
@@ -576,16 +578,16 @@ class Log:
             InputTextError: something in plain hex is not hex.
             FileError: a line is too long.
         """
-        reading, unfinished = self._reading, False
+        reader, unfinished = self._reader, False
         for block in self._blocks:
-            if unfinished and isinstance(reading, Reading):
+            if unfinished and isinstance(reader, LineReader):
                 raise FileError(
                     f"{self.name}: has a line longer than {LONGEST_LINE >> 20} MB, and such a line"
                     " is read only if it is plain hex; write each record on a line"
                 )
             try:
-                for way, time, data in reading.read(block):
-                    if reading.has_times:
+                for way, time, data in reader.read(block):
+                    if reader.has_times:
                         t_ns = self._clock.time_ns(time)
                         yield Chunk(self._port(way), t_ns, data, is_late=True, at_once=True)
                     else:
@@ -605,16 +607,16 @@ class Log:
         return Chunk(port, t_ns, data)
 
     def notes(self) -> Iterator[str]:
-        """What is not read, one line each; complete after reading."""
+        """What is not read, one line each; complete after reader."""
         if self._text.nul_bytes:
             yield (
                 f"{self._text.nul_bytes:,} NUL bytes are skipped; a power cut leaves them in files"
                 " that were being written"
             )
-        yield from self._reading.notes()
+        yield from self._reader.notes()
 
     def time_notes(self) -> Iterator[str]:
-        """What its times lack, one line each; complete after reading."""
+        """What its times lack, one line each; complete after reader."""
         yield from self._clock.notes()
 
 
@@ -637,10 +639,10 @@ _IN_ANY_TEXT: Final = ("quoted escapes", "base64")
 """Forms whose runs are found in texts without bytes."""
 
 
-def _nothing_found(lines: Sequence[str], readings: Iterable[Reading]) -> str:
+def _nothing_found(lines: Sequence[str], readers: Iterable[LineReader]) -> str:
     """What to say of a text without frames: what comes near."""
     nothing = f"no frames found in {len(lines):,} line{'' if len(lines) == 1 else 's'}"
-    near = [one.nearest(lines) for one in readings if one.form.name not in _IN_ANY_TEXT]
+    near = [one.nearest(lines) for one in readers if one.form.name not in _IN_ANY_TEXT]
     near.sort(key=lambda one: -one[0])
     shown = " or as ".join(text for size, text in near[:2] if size)
     if not shown:
