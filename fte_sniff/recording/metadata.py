@@ -19,9 +19,6 @@ PROGRAM: Final = "fte-sniff"
 PART_FACTS: Final = ("part", "previous")
 """The items that give a file's position in the sequence of a capture."""
 
-NEXT_NAME: Final = f"{PROGRAM}.next"
-"""The metadata record that names the next file of the capture."""
-
 END_NAME: Final = f"{PROGRAM}.end"
 """The metadata record of a file that ended because a limit was reached, while the capture went on.
 """
@@ -65,9 +62,13 @@ def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dic
     return found
 
 
-def baud_in(text: str) -> int | None:
-    """The baud in a text from a file; None if it is not a number."""
-    return int(text) if _is_number(text) else None
+_MOST_DIGITS: Final = 18
+
+
+def number_in(text: str) -> int | None:
+    """The number in a text from a file; None if it is not one."""
+    is_number = text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS
+    return int(text) if is_number else None
 
 
 class Part(NamedTuple):
@@ -86,10 +87,8 @@ class Part(NamedTuple):
 
 def part_of(facts: Mapping[str, str]) -> Part | None:
     """Which file of a capture has these facts; None if they do not show it."""
-    start, number = facts.get("start"), facts.get("part", "1")
-    if not start or not _is_number(number):
-        return None
-    return Part(start, facts.get("host", ""), int(number))
+    start, number = facts.get("start"), number_in(facts.get("part", "1"))
+    return Part(start, facts.get("host", ""), number) if start and number is not None else None
 
 
 GAP_NAME: Final = f"{PROGRAM}.gap"
@@ -99,7 +98,6 @@ LEFT_OUT_NAME: Final = f"{PROGRAM}.left-out"
 """The metadata record of a gap in this file: rows that were left out."""
 
 _GAP_KINDS: Final = {GAP_NAME: GapKind.WRITE_ERROR, LEFT_OUT_NAME: GapKind.LEFT_OUT}
-_MOST_DIGITS: Final = 18
 
 
 def gap_to_metadata(gap: Gap) -> dict[str, str]:
@@ -116,21 +114,11 @@ def gap_to_metadata(gap: Gap) -> dict[str, str]:
 
 def gap_from_metadata(name: str, items: Mapping[str, str]) -> Gap | None:
     """The gap in a metadata record; None if the record is of another kind or invalid."""
-    kind = _GAP_KINDS.get(name)
-    rows, start, end = (
-        items.get("rows", ""),
-        iso_time_ns(items.get("from", "")),
-        iso_time_ns(items.get("to", "")),
-    )
+    kind, rows = _GAP_KINDS.get(name), number_in(items.get("rows", ""))
+    start, end = iso_time_ns(items.get("from", "")), iso_time_ns(items.get("to", ""))
     if kind is None or start is None or end is None or end < start:
         return None
-    if rows and (not _is_number(rows) or not int(rows)):
-        return None
-    return Gap(kind, int(rows) if rows else None, start, end, items.get("reason", ""))
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdecimal() and len(text) <= _MOST_DIGITS
+    return Gap(kind, rows or None, start, end, items.get("reason", ""))
 
 
 SELECTION_NAME: Final = f"{PROGRAM}.selection"
@@ -153,7 +141,5 @@ class Selection:
 
 def selection_from_metadata(name: str, items: Mapping[str, str]) -> Selection | None:
     """The selection in a metadata record; None if the record is of another kind or invalid."""
-    text, rows = items.get("filter", ""), items.get("rows", "")
-    if name != SELECTION_NAME or not text or not _is_number(rows):
-        return None
-    return Selection(text, int(rows))
+    text, rows = items.get("filter", ""), number_in(items.get("rows", ""))
+    return Selection(text, rows) if name == SELECTION_NAME and text and rows is not None else None

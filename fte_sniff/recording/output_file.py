@@ -184,11 +184,11 @@ class OutputFile:
             self.descriptor = _CLOSED
 
     @property
-    def identity(self) -> FileIdentity | None:
+    def identity(self) -> KnownFile | None:
         """What the file is; None if it was deleted, or cannot be read."""
         with suppress(OSError):
             found = os.fstat(self.descriptor)
-            return FileIdentity.of(found) if found.st_nlink else None
+            return KnownFile.of(self.path, found) if found.st_nlink else None
         return None
 
     def check(self, least: int) -> None:
@@ -221,34 +221,34 @@ def created(path: Path, existing: Existing) -> Iterator[OutputFile]:
         raise
 
 
-class FileIdentity(NamedTuple):
-    """What distinguishes a closed file from any other."""
+class KnownFile(NamedTuple):
+    """A closed file, with what distinguishes it from any other."""
 
+    path: Path
     device: int
     inode: int
     size: int
     changed_ns: int
 
     @classmethod
-    def of(cls, found: os.stat_result) -> FileIdentity:
-        """The identity of a file with this status."""
-        return cls(found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    def of(cls, path: Path, found: os.stat_result) -> KnownFile:
+        """The file at a path, which has this status."""
+        return cls(path, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
 
+    def delete(self) -> bool:
+        """Delete the file; False if the path leads to another one, a link, or none: those stay.
 
-def delete(path: Path, identity: FileIdentity) -> bool:
-    """Delete a file; False if the path leads to another one, a link, or none: those stay.
-
-    Raises OSError if it cannot be deleted.
-    """
-    try:
-        found = path.lstat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    if not stat.S_ISREG(found.st_mode) or FileIdentity.of(found) != identity:
-        return False
-    path.unlink()
-    sync_folder(path.parent)
-    return True
+        Raises OSError if it cannot be deleted.
+        """
+        try:
+            found = self.path.lstat()
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        if not stat.S_ISREG(found.st_mode) or KnownFile.of(self.path, found) != self:
+            return False
+        self.path.unlink()
+        sync_folder(self.path.parent)
+        return True
 
 
 class LostDataError(OSError):

@@ -49,12 +49,11 @@ from fte_sniff.recording.chunks import (
 )
 from fte_sniff.recording.metadata import (
     END_NAME,
-    NEXT_NAME,
     PROGRAM,
     PortFacts,
     Selection,
-    baud_in,
     gap_from_metadata,
+    number_in,
     selection_from_metadata,
 )
 from fte_sniff.recording.schema import (
@@ -167,7 +166,7 @@ class Recording:
         """The ports of its channels, each once."""
         channels = [self.contents.channels[id_] for id_ in self._types]
         facts = {self._ports[one.id]: one.metadata.get("baud", "") for one in channels}
-        return [PortFacts(name, baud_in(baud)) for name, baud in facts.items()]
+        return [PortFacts(name, number_in(baud)) for name, baud in facts.items()]
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -202,12 +201,6 @@ class Recording:
         """The filters that selected the rows of the file."""
         found = [selection_from_metadata(one.name, one.metadata) for one in self.contents.metadata]
         return [selection for selection in found if selection is not None]
-
-    @property
-    def next_path(self) -> Path | None:
-        """The next file of the capture; None while the file names none."""
-        name = Path(self.metadata.get(NEXT_NAME, {}).get("file", "")).name
-        return self.path.with_name(name) if name else None
 
     @property
     def limit(self) -> str:
@@ -311,19 +304,17 @@ class Recording:
             return is_locked(file.fileno())
 
     def find_next(self) -> Path | None:
-        """The next file, also if this one could not name it because the disk failed.
-
-        That is the file of the next number whose metadata names this one.
-        """
-        if self.next_path is not None:
-            return self.next_path
-        stem = re.sub(r"_\d{5}(-\d+)?$", "", self.path.stem)
-        numbered = self.path.parent.glob(f"{escape(stem)}_[0-9]*{self.path.suffix}")
-        after = [path for path in numbered if path.stem > self.path.stem]
-        with suppress(FileError, ValueError):
-            following = Recording(min(after), is_growing=True)
-            if following.facts.get("previous") == self.path.name:
-                return following.path
+        """The next file of the capture: that of the next number, whose metadata names this one."""
+        stem, number = self.path.stem, number_in(self.facts.get("part", "1")) or 0
+        if "part" in self.facts:
+            stem = re.sub(r"_\d+(-\d+)?$", "", stem)
+        numbered = f"{escape(stem)}_{number + 1:05}*{self.path.suffix}"
+        own = self.path.name, self.facts.get("start")
+        for path in sorted(self.path.parent.glob(numbered)):
+            with suppress(FileError):
+                facts = Recording(path, is_growing=True).facts
+                if (facts.get("previous"), facts.get("start")) == own:
+                    return path
         return None
 
     @property

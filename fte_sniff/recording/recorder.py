@@ -30,11 +30,10 @@ from fte_sniff.protocol.items import Gap, GapKind, PortEvent
 from fte_sniff.recording.metadata import (
     END_NAME,
     GAP_NAME,
-    NEXT_NAME,
     PortFacts,
     gap_to_metadata,
 )
-from fte_sniff.recording.output_file import Existing, FileIdentity, delete
+from fte_sniff.recording.output_file import Existing, KnownFile
 from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions, row_count
 
 RETRY_S: Final = 5.0
@@ -92,13 +91,6 @@ class Outcome:
     deleted_rows: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class _ClosedFile:
-    path: Path
-    identity: FileIdentity
-    rows: int
-
-
 class Recorder:
     """Records one capture. Only the constructor raises for disk errors."""
 
@@ -125,7 +117,8 @@ class Recorder:
         self._options = options or RecordingOptions()
         self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
         self._base, self._number = path, 1
-        self._closed: list[_ClosedFile] = []
+        self._closed: list[tuple[KnownFile, int]] = []
+        """The files that are complete, each with its rows; the oldest may be deleted."""
         self._gaps: list[Gap] = []
         """What could not be written; the last gap grows until a file can be written again."""
         self._waiting: list[Entry] = []
@@ -183,13 +176,13 @@ class Recorder:
     @property
     def size(self) -> int:
         """Bytes in all files."""
-        closed = sum(file.identity.size for file in tuple(self._closed))
+        closed = sum(file.size for file, _ in tuple(self._closed))
         return closed + (0 if self._writer is None else self._writer.size)
 
     @property
     def outcome(self) -> Outcome:
         """The files so far."""
-        first = self._closed[0].path if self._closed else self.path
+        first = self._closed[0][0].path if self._closed else self.path
         return Outcome(first, self.path, self._deleted_files, self._deleted_rows)
 
     @property
@@ -229,16 +222,17 @@ class Recorder:
         writer = self._writer
         if writer is None:
             if time.monotonic() >= self._due_s:
-                self._due_s = time.monotonic() + RETRY_S
-                self._resume()
+                self._begin_next()
             return
         try:
             writer.flush(waits=waits)
         except FileError as failure:
             self._fail(writer, failure)
             return
-        if self._is_rotation_due(writer):
-            self._rotate(writer)
+        if self._is_rotation_due(writer) and self._begin_next():
+            with suppress(FileError):  # all rows are flushed, so the file is valid
+                writer.close()
+            self._put_away(writer)
         self._delete_surplus()
         if self._writer is not None and (limit := self._limit_reached()):
             self._stop(self._writer, limit)
@@ -246,7 +240,7 @@ class Recorder:
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
         if self._writer is None and self._waiting:
-            self._resume()
+            self._begin_next()
         for _ in range(2):  # another file may take what the first one refuses
             if (writer := self._writer) is not None:
                 try:
@@ -267,27 +261,36 @@ class Recorder:
         own = {"part": str(part)} if part > 1 or self._options.rotates else {}
         return self._facts | own | ({"previous": self.path.name} if part > 1 else {})
 
-    def _next(self) -> RecordingWriter:
-        """The next file, which reports all gaps so far; raises FileError."""
+    def _begin_next(self) -> bool:
+        """Go on in a new file that reports all gaps and begins with what waits.
+
+        False if that fails: then no file is left, and the next attempt is made later.
+        """
+        self._due_s = time.monotonic() + RETRY_S
+        if self._limit_reached():
+            return False
         name, facts = self._name(self._number + 1), self._facts_of(self._number + 1)
         is_forced = self._existing is Existing.REPLACE
         existing = Existing.REPLACE if is_forced else Existing.NUMBER
-        writer = RecordingWriter(name, self._ports, facts, existing=existing)
+        try:
+            writer = RecordingWriter(name, self._ports, facts, existing=existing)
+        except FileError:
+            return False
         try:
             for gap in self._known_gaps:
                 writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
+            writer.write(*self._waiting)
+            writer.flush()
         except FileError:
-            self._drop(writer)
-            raise
-        self._number += 1
-        return writer
-
-    def _drop(self, writer: RecordingWriter) -> None:
-        """Delete a file that could not be written."""
-        writer.abandon()
-        with suppress(OSError):
-            if writer.identity is not None:
-                delete(writer.path, writer.identity)
+            writer.abandon()
+            with suppress(OSError):
+                if writer.identity is not None:
+                    writer.identity.delete()
+            return False
+        self._number, self._due_s, self._waiting = self._number + 1, -inf, []
+        self._stopped, self._writer, self.path = None, writer, writer.path
+        self.files.append(writer.path)
+        return True
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
         if writer.span_ns is None or time.monotonic() < self._due_s:
@@ -296,29 +299,11 @@ class Recorder:
         size, age = self._options.next_file_bytes or inf, self._options.rotate_s or inf
         return writer.size >= size or seconds >= age
 
-    def _rotate(self, writer: RecordingWriter) -> None:
-        """Begin the next file; if that fails, the current one grows until the next attempt."""
-        try:
-            following = self._next()
-        except FileError:
-            self._due_s = time.monotonic() + RETRY_S
-            return
-        # All rows are flushed, so the file is valid also if these fail.
-        with suppress(FileError):
-            writer.write_metadata(Metadata(NEXT_NAME, {"file": following.path.name}))
-            writer.close()
-        self._put_away(writer)
-        self._go_on(following)
-
     def _put_away(self, writer: RecordingWriter) -> None:
-        """Close a file, and keep account of it if it is still there."""
+        """Close a file as it is, and keep account of it if it is still there."""
         writer.abandon()
         if writer.identity is not None and not writer.is_gone:
-            self._closed.append(_ClosedFile(writer.path, writer.identity, writer.flushed_rows))
-
-    def _go_on(self, writer: RecordingWriter) -> None:
-        self._stopped, self._writer, self.path = None, writer, writer.path
-        self.files.append(writer.path)
+            self._closed.append((writer.identity, writer.flushed_rows))
 
     # Errors and gaps
 
@@ -339,7 +324,7 @@ class Recorder:
         if is_full and self._options.keep_bytes is not None:
             may_try = self._delete_oldest()
         if may_try:
-            self._resume()
+            self._begin_next()
         self._due_s = time.monotonic() + RETRY_S
 
     def _stop(self, writer: RecordingWriter, limit: str) -> None:
@@ -371,24 +356,6 @@ class Recorder:
             elif (span_ns := entry.span_ns) is not None:
                 self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
 
-    def _resume(self) -> None:
-        """Go on in a new file that begins with what waits, unless that fails."""
-        if self._limit_reached():
-            return
-        try:
-            writer = self._next()
-        except FileError:
-            return
-        try:
-            writer.write(*self._waiting)
-            writer.flush()
-        except FileError:
-            self._drop(writer)
-            self._number -= 1
-            return
-        self._waiting = []
-        self._go_on(writer)
-
     # Space
 
     def _delete_surplus(self) -> None:
@@ -404,11 +371,11 @@ class Recorder:
         """
         if not self._closed or (self._writer is None and len(self._closed) == 1):
             return False  # the last file, which has just failed, stays
-        oldest = self._closed.pop(0)
+        oldest, rows = self._closed.pop(0)
         with suppress(OSError):
-            if delete(oldest.path, oldest.identity):
+            if oldest.delete():
                 self._deleted_files += 1
-                self._deleted_rows += oldest.rows
+                self._deleted_rows += rows
         return True
 
     def _limit_reached(self) -> str:

@@ -52,7 +52,7 @@ from fte_sniff.recording.chunks import HEAD, MAGIC
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.output_file import (
     Existing,
-    FileIdentity,
+    KnownFile,
     LostDataError,
     created,
     stopped_by_error,
@@ -392,7 +392,7 @@ class RecordingWriter:
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
         """
-        self.identity: FileIdentity | None = None
+        self.identity: KnownFile | None = None
         """What the file is once it is closed; None if it was deleted."""
         self.is_gone = self._is_closed = False
         """Whether the file was deleted, moved, replaced or cut off."""

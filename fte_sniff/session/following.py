@@ -26,7 +26,7 @@ POLL_S: Final = 0.1
 """Interval at which a file is polled by commands that only follow."""
 
 RELEASE_S: Final = 5.0
-"""How long the lock of a file that names its next file is waited for, or the next file."""
+"""How long the next file is waited for."""
 
 IDLE_S: Final = 10.0
 """How long a file without a lock may stay as it is."""
@@ -72,10 +72,8 @@ class Follower:
         self._seen, self._rows = 0, 0
         self._troubles = Counter[PortEventKind]()
         self._changed_s = time.monotonic()
-        self._named_s: float | None = None
-        """When the file named the next one."""
         self._waits_until_s: float | None = None
-        """Until when a next file is waited for that the file could not name."""
+        """Until when a next file is waited for."""
         self._new: list[Gap] = beginning_of(reader)
 
     @property
@@ -141,13 +139,9 @@ class Follower:
             self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
             self._end_file()
             return True
-        if reader.next_path is not None and self._named_s is None:
-            self._named_s = now_s
-        if has_writer:
-            return self._named_s is not None and now_s >= self._named_s + RELEASE_S
-        if self._named_s is not None or self._has_lock or reader.limit:
-            return True
-        return now_s >= self._changed_s + IDLE_S
+        if has_writer or self._has_lock or reader.limit:
+            return not has_writer
+        return now_s >= self._changed_s + IDLE_S or reader.find_next() is not None
 
     def _go_on(self) -> None:
         """Begin the next file, wait for it, or state how the last one ended."""
