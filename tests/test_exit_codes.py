@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import errno
-import subprocess
 from pathlib import Path
 
 import pytest
 
-from tests.cli.processes import ended
 from tests.cli.program import Ended, Program, plain_environment
 from tests.slow import first
 
@@ -81,16 +79,6 @@ def test_an_error_of_the_system_without_a_file_is_not_put_down_to_standard_outpu
     assert done.code == 4
     assert len(done.errors.decode().splitlines()) == 1
     assert "standard output" not in done.errors.decode()
-
-
-@pytest.mark.parametrize("command", [CHECK, ("hex", "AA0101000000000000EE"), ("--version",)])
-def test_a_standard_output_that_is_full_is_named(tmp_path: Path, command: tuple[str, ...]) -> None:
-    with Path("/dev/full").open("wb") as full:
-        streams = (subprocess.DEVNULL, full.fileno(), subprocess.PIPE)
-        with Program().start(command, tmp_path, plain_environment(), streams=streams) as process:
-            code, _, errors = ended(process)
-    assert code == 4
-    assert errors.startswith("fte-sniff: standard output cannot be written: the disk is full")
 
 
 DEEP = "x = " + "[" * 100_000 + "]" * 100_000

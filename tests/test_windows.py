@@ -336,21 +336,6 @@ def test_name_of_a_new_recording_is_valid_on_windows(
     assert re.fullmatch(r"fte-sniff-[\w-]+\.mcap", made.name)
 
 
-def test_file_is_read_and_written_at_an_offset(tmp_path: Path, monkeypatch) -> None:
-    """Without `os.pread`, the position of the file stays too."""
-    monkeypatch.setattr(platform, "POSIX", False)
-    descriptor = os.open(tmp_path / "file", platform.open_flags("O_RDWR", "O_CREAT"))
-    try:
-        assert os.write(descriptor, b"0123456789") == 10
-        os.lseek(descriptor, 3, os.SEEK_SET)
-        assert platform.read_at(descriptor, 4, 6) == b"6789"
-        assert os.read(descriptor, 2) == b"34"
-        assert platform.write_at(descriptor, b"ab", 1) == 2
-        assert platform.read_at(descriptor, 4, 0) == b"0ab3"
-    finally:
-        os.close(descriptor)
-
-
 def test_what_a_system_lacks_is_left_out() -> None:
     assert platform.signals("SIGINT", "SIGBREAK_OF_NOBODY") == (signal.SIGINT,)
     assert platform.open_flags("O_RDWR", "O_OF_NOBODY") == os.O_RDWR

@@ -19,7 +19,7 @@ from typing import IO
 
 import pytest
 
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol import PortEventKind
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.live_session import END_WITHIN_S
 from tests.beside import running
@@ -312,18 +312,6 @@ def test_no_command_replaces_a_file_that_is_being_recorded(
     assert run("decode", "x.mcap").stdout.endswith(output.splitlines()[-1] + "\n")
 
 
-def test_a_standard_error_that_is_full_shortens_nothing(run, environment, tmp_path: Path) -> None:
-    words = ("live", SIM, "--count", "50", "-o", "x.mcap")
-    with (
-        Path("/dev/full").open("wb") as full,
-        started(environment, tmp_path, *words, stderr=full.fileno()) as process,
-    ):
-        code, output, _ = ended(process)
-    assert code == 0
-    assert output.count("\n") == 51
-    assert run("decode", "x.mcap").stdout == output
-
-
 def test_full_standard_output_is_one_line_after_the_path_of_the_recording(
     run, environment, tmp_path: Path
 ) -> None:
@@ -386,18 +374,6 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
-@pytest.fixture
-def closed_folder(tmp_path: Path) -> Iterator[Path]:
-    """A folder in which nothing can be made; root too is bound by a read-only file system."""
-    folder = tmp_path / "closed"
-    if os.geteuid() == 0:
-        with mounted(folder, "ro"):
-            yield folder
-    else:
-        folder.mkdir(mode=0o555)
-        yield folder
-
-
 @pytest.mark.parametrize(
     ("options", "why"),
     [((), "the disk has only "), (("--min-free", "0"), "the disk is full")],
@@ -418,16 +394,6 @@ def test_a_disk_that_fills_up_is_reported_at_once_and_what_is_not_recorded_at_th
     assert (last.count(why), "recording stopped" in errors) == (1, False)
     assert "Traceback" not in errors
     assert rows_in(small_disk / "x.mcap") > 100
-
-
-def test_a_folder_that_must_not_be_written_to_is_one_line(environment, closed_folder: Path) -> None:
-    with started(environment, closed_folder, "live", SIM, "--count", "3") as process:
-        code, output, errors = ended(process)
-    assert code == 4
-    assert output == ""
-    assert errors.count("\n") == 1
-    assert "no permission" in errors or "Read-only file system" in errors
-    assert "name another place with -o" in errors
 
 
 def test_a_port_that_vanishes_while_it_is_opened_is_one_line(run, tmp_path: Path) -> None:
@@ -528,28 +494,8 @@ def memory_of(pid: int) -> int:
     return int(fields[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-PORT = "tty\x1b[31m"
-
-
-def event(kind: PortEventKind, detail: str) -> PortEvent:
-    return PortEvent(1, PORT, kind, detail)
-
-
-FEWER = "sim://?seed=1&rate=500"
 FAST = ("sim://?seed=1&rate=5000", "--baud", "1000000")
 """Many rows in little time."""
-
-
-def test_rotated_files_hold_every_row_once(run, tmp_path: Path) -> None:
-    done = run("live", FEWER, "--plain", "-o", "x.mcap", "--rotate", "1s", "--duration", "3.5")
-    assert done.returncode == 0
-    files = sorted(tmp_path.glob("*.mcap"))
-    assert [file.name for file in files][:2] == ["x_00001.mcap", "x_00002.mcap"]
-    assert f"recorded to x_00001.mcap to {files[-1].name}, {len(files)} files\n" in done.stderr
-    rows = [row for file in files for row in read_rows(file)]
-    assert all(Recording(file).is_whole for file in files)
-    assert [row.offset for row in rows] == list(range(0, 10 * len(rows), 10))
-    assert f"{len(rows):,} rows" in done.stderr
 
 
 def test_the_oldest_file_makes_room_where_that_is_asked_for(environment, tmp_path: Path) -> None:

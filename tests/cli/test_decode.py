@@ -5,22 +5,17 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import struct
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import polars
 import pytest
-from mcap.reader import make_reader
 from mcap.records import Metadata
 from mcap.writer import Writer
-from mcap_protobuf.decoder import DecoderFactory
 
 from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
     KIND_BY_NAME,
     Gap,
     GapKind,
@@ -34,9 +29,7 @@ from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metada
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.cli.conftest import ROOT, SAMPLES
-from tests.cli.processes import ended, started
-from tests.cli.program import Program
-from tests.slow import crossed
+from tests.in_process import call
 from tests.support.columns import entries
 
 
@@ -68,26 +61,6 @@ def test_json_is_text_that_every_terminal_shows_as_it_is(
         assert ascii(TERMINAL_OBEYS)[1:-1] in ascii(found)
 
 
-def test_a_file_cut_anywhere_is_decoded_to_its_end(run, tmp_path: Path, samples: Path) -> None:
-    (tmp_path / "cut.raw").write_bytes((samples / "clean.raw").read_bytes()[:96])
-    done = run("decode", "cut.raw", "--format", "jsonl")
-    assert done.returncode == 0
-    assert sum(row["length"] for row in jsonl(done.stdout)) == 96
-    assert "cut.raw: ends in the middle of a frame (6 of 10 bytes)" in done.stderr
-    whole = (samples / "clean.mcap").read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    cut = run("decode", "cut.mcap", "--format", "jsonl")
-    assert cut.returncode == 0
-    assert "cut.mcap: " in cut.stderr
-
-
-def test_lines_of_hex_without_end(run, tmp_path: Path) -> None:
-    (tmp_path / "long.hex").write_text("AA 00 00 00 00 00 00 00 00 EE " * 50_000)
-    done = run("decode", "long.hex", "--format", "jsonl", "--filter", "NOT reset")
-    assert done.stdout == ""
-    assert "50,000 rows read, 0 written" in done.stderr
-
-
 @pytest.mark.parametrize("name", ["clean", "damaged", "idle", "midstream"])
 def test_a_recording_of_a_recording_holds_the_same(
     run, samples: Path, tmp_path: Path, name: str
@@ -101,31 +74,6 @@ def test_a_recording_of_a_recording_holds_the_same(
     )
     assert again == original
     assert list(tmp_path.iterdir()) == [copy]
-
-
-@pytest.mark.parametrize("form", ["raw", "mcap"])
-def test_a_pipe_that_is_closed_ends_it_quietly(
-    environment, samples: Path, tmp_path: Path, form: str
-) -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    words = ("decode", str(samples / "damaged.mcap"), "--format", form, "-o", "-")
-    with started(environment, tmp_path, *words, stdout=writing) as process:
-        os.close(writing)
-        code, _, errors = ended(process)
-    assert (code, errors) == (0, "")
-
-
-def test_a_parquet_file_holds_what_is_asked_for(run, samples: Path, tmp_path: Path) -> None:
-    path = tmp_path / "rows.parquet"
-    done = run(
-        "decode", samples / "clean.mcap", "--format", "parquet", "-o", path, "--filter", "motor = 1"
-    )
-    assert done.returncode == 0, done.stderr
-    frame = polars.read_parquet(path)
-    assert frame.columns == list(COLUMN_BY_NAME)
-    assert set(frame["motor"]) == {1}
-    assert f"{frame.height} written" in done.stderr
 
 
 def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_path: Path) -> None:
@@ -155,37 +103,6 @@ def test_serial_bytes_on_the_topic_of_another_program(run, samples: Path, tmp_pa
     assert refusal.returncode == 4
     assert "'/uart'; if one of them has serial bytes, name it with --topic" in refusal.stderr
     assert run("decode", samples / "clean.raw", "--topic", "/uart").returncode == 2
-
-
-def test_several_topics_are_several_wires_in_the_order_of_log_times(
-    run, samples: Path, tmp_path: Path
-) -> None:
-    path, content = tmp_path / "robot.mcap", (samples / "clean.raw").read_bytes()[:1000]
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channels = [writer.register_channel(topic, "", 0) for topic in ("/rx", "/tx")]
-        for at in range(980, -1, -20):
-            for channel in channels:
-                writer.add_message(channel, 10**18 + at * 86_800, content[at : at + 20], 0)
-        writer.finish()
-    both = run("decode", path, "--topic", "/rx", "--topic", "/tx", "--format", "jsonl")
-    assert both.returncode == 0, both.stderr
-    for topic in ("/rx", "/tx"):
-        one = run("decode", path, "--topic", topic, "--format", "jsonl")
-        raws = [row["raw"] for row in jsonl(both.stdout) if row["port"] == topic]
-        assert raws == [row["raw"] for row in jsonl(one.stdout)]
-        assert "".join(raws) == content.hex().upper()
-
-
-@pytest.mark.parametrize(("source", "end"), crossed(["mcap", "raw", "hex"], ["raw", "hex", "bin"]))
-def test_bytes_that_are_written_are_read_back(
-    run, samples: Path, tmp_path: Path, source: str, end: str
-) -> None:
-    first = run("decode", samples / f"damaged.{source}", "-o", f"x.{end}")
-    assert (first.returncode, first.stdout) == (0, "")
-    assert run("decode", f"x.{end}", "-o", "y.raw").returncode == 0
-    assert (tmp_path / "y.raw").read_bytes() == (samples / "damaged.raw").read_bytes()
 
 
 def test_jumps_are_the_same_rows_live_in_files_and_in_check(run, tmp_path: Path) -> None:
@@ -226,24 +143,10 @@ def test_every_sample_is_here_in_three_forms_with_its_text() -> None:
 
 
 @pytest.mark.parametrize("expected", EXPECTED, ids=lambda path: path.name)
-def test_decode_prints_what_is_expected(
-    expected: Path, program: Program, environment: dict[str, str]
-) -> None:
+def test_decode_prints_what_is_expected(expected: Path, variables: dict[str, str]) -> None:
     words = ["decode", f"samples/{expected.stem}", "--format", FORMS[expected.suffix]]
-    done = program.run(words, b"", ROOT, environment)
+    done = call(words, b"", ROOT, variables)
     assert (done.code, done.output) == (0, expected.read_bytes())
-
-
-@pytest.mark.parametrize("name", ["clean", "damaged", "idle", "midstream"])
-def test_recordings_hold_every_byte_for_the_readers_of_other_tools(name: str) -> None:
-    with (SAMPLES / f"{name}.mcap").open("rb") as file:
-        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        decoded = [
-            message
-            for _, channel, _, message in reader.iter_decoded_messages()
-            if channel.topic != "/fte/port"
-        ]
-    assert b"".join(message.raw for message in decoded) == (SAMPLES / f"{name}.raw").read_bytes()
 
 
 START, STEP = 1_770_000_000_000_000_000, 10_000_000

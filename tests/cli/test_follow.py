@@ -11,12 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
 from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import running
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import (
@@ -32,7 +29,7 @@ from tests.cli.processes import (
     wire,
 )
 from tests.cli.terminals import terminal
-from tests.support.columns import entries, fed
+from tests.support.columns import fed
 
 pytestmark = pytest.mark.program
 
@@ -186,40 +183,6 @@ def without_facts(text: str) -> list[str]:
     return [line.rsplit(",", len(DERIVED))[0] for line in text.splitlines()]
 
 
-def recorded(path: Path, frames: int) -> bytes:
-    """The bytes of a recording with one frame for each flush."""
-    path.unlink(missing_ok=True)
-    with RecordingWriter(path, [PortFacts("p", 115200)]) as writer:
-        for row in made_rows(frames):
-            writer.write(*entries([row]))
-            writer.flush()
-    return path.read_bytes()
-
-
-def test_bytes_that_arrive_one_part_after_the_other_are_not_damage(
-    environment, tmp_path: Path
-) -> None:
-    whole = recorded(tmp_path / "made.mcap", 8)
-    with (tmp_path / "made.mcap").open("rb") as made:
-        summary = make_reader(made).get_summary()
-    assert summary is not None
-    file = tmp_path / "copy.mcap"
-    file.write_bytes(whole[:600])
-    follow = ("decode", "--follow", "copy.mcap", "--format", "csv")
-    with started(environment, tmp_path, *follow) as reader:
-        with file.open("ab", buffering=0) as stream:
-            for number, chunk in enumerate(summary.chunk_indexes):
-                while stream.tell() < chunk.chunk_start_offset + chunk.chunk_length:
-                    stream.write(whole[stream.tell() :][:97])
-                until(reader, b",%d,10," % (10 * number))
-            stream.write(whole[stream.tell() :])
-        reader.send_signal(signal.SIGINT)
-        code, _, errors = ended(reader)
-    assert code == 0
-    assert "damaged" not in errors
-    assert "8 rows, nothing malformed" in errors
-
-
 def _truncate(file: Path) -> None:
     os.truncate(file, 100)
 
@@ -277,19 +240,3 @@ def test_the_screen_follows_a_capture(environment, tmp_path: Path) -> None:
                 screen.until("ENDED")
                 screen.type("Q")
                 assert screen.ended() == 0
-
-
-def test_the_screen_follows_a_capture_into_its_next_files(environment, tmp_path: Path) -> None:
-    live = ("live", "sim://?rate=200", "--headless", "--rotate", "1s", "-o", "c.mcap")
-    with started(environment, tmp_path, *live) as writer:
-        wait_until((tmp_path / "c_00001.mcap").exists)
-        follow = ("view", "--follow", "c_00001.mcap")
-        with terminal(environment, tmp_path, *follow, size=(120, 30)) as screen:
-            screen.until("FOLLOWING")
-            wait_until((tmp_path / "c_00003.mcap").exists)
-            writer.send_signal(signal.SIGINT)
-            assert ended(writer)[0] == 0
-            files = sorted(tmp_path.glob("c_*.mcap"))
-            screen.until(f"ended: {files[-1].name}")
-            screen.type("Q")
-            assert screen.ended() == 0

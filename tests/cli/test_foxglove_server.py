@@ -9,7 +9,6 @@ import signal
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from fte_sniff.protocol import Fault, Row, Rows
 from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT
-from tests.cli.processes import ended, rows_in, started, stderr_until, wait_until
+from tests.cli.processes import ended, started, stderr_until, wait_until
 from tests.waiting import BOUND_S, while_waiting
 
 pytestmark = pytest.mark.program
@@ -210,20 +209,6 @@ def test_viewer_that_pings_and_does_not_read_is_dropped(
             break
     wait_until(lambda: not server.wanted)
     assert DROPPED.fullmatch(capsys.readouterr().err)
-
-
-def test_viewers_that_never_read_cost_no_row(environment, tmp_path: Path) -> None:
-    with started(environment, tmp_path, *WORDS) as capture, ExitStack() as open_ones:
-        address = address_in(stderr_until(capture, "viewers can connect"))
-        for _ in range(5):
-            Viewer(open_ones.enter_context(viewer_at(address, max_queue=1)))
-        file = tmp_path / "x.mcap"
-        before = rows_in(file)
-        wait_until(lambda: rows_in(file) > before + 500)
-        capture.send_signal(signal.SIGINT)
-        code, _, errors = ended(capture)
-    assert code == 0
-    assert "overrun" not in errors
 
 
 # Who may read

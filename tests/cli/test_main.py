@@ -15,7 +15,7 @@ from mcap.writer import Writer
 
 from fte_sniff.cli.main import fte_sniff
 from fte_sniff.errors import FileError
-from tests.cli.processes import BOUND_S, first_output, started, wait_until, wire
+from tests.cli.processes import BOUND_S, started, wait_until
 from tests.recording.conftest import unprivileged
 
 
@@ -33,12 +33,6 @@ def test_nobody_listens(run) -> None:
         bound.bind(("127.0.0.1", 0))
         url = f"socket://127.0.0.1:{bound.getsockname()[1]}"
         refused(run("live", url), 3, "refused")
-
-
-def test_a_busy_port(run, environment, tmp_path: Path) -> None:
-    with wire() as (controller, name), started(environment, tmp_path, "live", name) as holder:
-        first_output(holder, controller)
-        refused(run("live", name), 3, name, "busy")
 
 
 @pytest.mark.parametrize("name", ["part.csv", "part.txt", "part.hex", "part.parquet"])

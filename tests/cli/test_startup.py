@@ -16,7 +16,6 @@ from tests.slow import first
 
 pytestmark = pytest.mark.program
 
-CLEAN = str(SAMPLES / "clean.mcap")
 HEAVY = ("polars", "textual", "asyncio", "mcap", "google.protobuf", "rich", "serial")
 
 

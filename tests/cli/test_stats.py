@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import signal
-import subprocess
 from datetime import datetime
 from pathlib import Path
 
@@ -17,19 +15,16 @@ from fte_sniff.protocol import (
     KIND_BY_NAME,
     PortEvent,
     PortEventKind,
-    byte_time_ns,
     encode,
 )
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
-from tests.cli.processes import BOUND_S, started
 from tests.cli.terminals import terminal
 from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
 NAMES = ["clean", "damaged", "idle", "midstream"]
-BYTE_NS = byte_time_ns(115_200)
 
 
 def numbers(run, *arguments: str | Path) -> dict:
@@ -155,18 +150,6 @@ def test_no_colour_where_none_is_wanted(environment, tmp_path: Path, samples: Pa
     assert "\x1b" not in plain
     assert "! truncated" in plain
     assert "? reserved_nonzero" in plain
-
-
-def test_ctrl_c_stops_at_once(environment, tmp_path: Path) -> None:
-    with started(environment, tmp_path, "stats", "-", stdin=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        process.stdin.write(bytes(1 << 17))
-        process.stdin.flush()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(BOUND_S) in (130, -signal.SIGINT)
-        assert process.stdout is not None
-        assert process.stderr is not None
-        assert (process.stdout.read(), process.stderr.read()) == (b"", b"")
 
 
 def keys_of(value: object) -> set[str]:

@@ -21,20 +21,6 @@ from tests.waiting import BOUND_S
 pytestmark = pytest.mark.program
 
 
-@pytest.mark.parametrize("size", first(1, [((40, 10),), ((80, 24),), ((200, 60),)]))
-def test_live_shows_rows_and_names_the_recording_at_the_end(
-    run, environment, tmp_path: Path, size: tuple[int, int]
-) -> None:
-    with terminal(environment, tmp_path, "live", "sim://?rate=500", size=size) as screen:
-        screen.until("speed_feedback" if size[0] > 128 else "speed fb")
-        screen.type("Q")
-        assert screen.ended() == 0
-    assert b"Traceback" not in screen.drawn
-    (recording,) = tmp_path.glob("*.mcap")
-    assert f"recorded to {recording.name}".encode() in screen.drawn
-    assert run("decode", recording).stdout.count("\n") > 1
-
-
 def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) -> None:
     """Without any colour where NO_COLOR is set."""
     plain = environment | {"NO_COLOR": "1"}
@@ -90,8 +76,6 @@ ROWS_TERMINAL = "pulses"
 """Feedback of positions, as the table shows its values."""
 NORMAL_SCREEN = "\x1b[?1049l"
 SESSIONS = pytest.mark.parametrize("session", first(1, [controlling_terminal, plain_terminal]))
-TIMES = pytest.mark.parametrize("time", range(int(os.environ.get("REPEATS", "1"))))
-"""What depends on the moment shows at times only: REPEATS=20 looks longer for it."""
 
 
 def draws_much(screen: Terminal) -> None:
@@ -119,17 +103,6 @@ def assert_whole(run, recording: Path) -> None:
     # This line alone: nothing of a cut end.
     assert " rows, nothing malformed" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-@TIMES
-@SESSIONS
-def test_a_terminal_that_is_closed_ends_it(
-    run, environment, tmp_path: Path, session: Callable[[], None], time: int
-) -> None:
-    with terminal(environment, tmp_path, *LIVE, size=(200, 60), session=session) as screen:
-        draws_much(screen)
-        screen.close()
-        assert_all_is_well(run, screen, tmp_path / "x.mcap")
 
 
 @SESSIONS
