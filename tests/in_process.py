@@ -12,6 +12,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import copy_context
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import NamedTuple
@@ -74,7 +75,7 @@ def exit_code(words: Sequence[str]) -> int:
     handlers = {number: signal.getsignal(number) for number in _HANDLED}
     try:
         with warnings.catch_warnings():
-            main([*words])
+            copy_context().run(main, [*words])  # the language is that of one command
     except SystemExit as end:
         return int(end.code or 0)
     finally:

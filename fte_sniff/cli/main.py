@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 sys.stdout.flush()
         sys.exit(code)
     except FteSniffError as error:
-        _exit_with(str(error), error.exit_code)
+        _exit_with(_translated(error), error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         with suppress(OSError):
             click.echo(error.format_message(), err=True)
@@ -127,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if error.filename is None
             else unwritable(error.filename, error)
         )
-        _exit_with(str(refused), refused.exit_code)
+        _exit_with(_translated(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
         if given[:1] and given[0] in ENDED_BY_CTRL_C:
@@ -142,6 +142,15 @@ def _exit_with(message: str, code: int) -> NoReturn:
     abandon_stdout()
     print_err(f"{PROGRAM}: {message}")
     sys.exit(code)
+
+
+def _translated(error: FteSniffError) -> str:
+    """The message in the language of the user."""
+    from fte_sniff.cli.settings import read_settings, settings_path
+    from fte_sniff.i18n import error_text, set_language
+
+    set_language(read_settings(settings_path()).language())
+    return error_text(error)
 
 
 def _one_line(error: click.ClickException) -> str:

@@ -22,7 +22,6 @@ from tests.cli.processes import (
     wait_until,
     wire,
 )
-from tests.slow import first
 
 pytestmark = pytest.mark.program
 
@@ -76,23 +75,6 @@ def test_both_directions_are_passed_on_shown_and_recorded(run, environment, tmp_
     assert not (tmp_path / "motors").is_symlink()
 
 
-@pytest.mark.parametrize("number", first(1, [signal.SIGTERM, signal.SIGINT, signal.SIGHUP]))
-def test_a_signal_ends_it_well(run, environment, tmp_path: Path, number: int):
-    with (
-        bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, _),
-        opened(tmp_path) as host,
-    ):
-        talk(host, far)
-        process.send_signal(number)
-        code, _, errors = ended(process)
-        with pytest.raises(serial.SerialException):
-            host.read(1)
-    assert code == 0
-    assert "Traceback" not in errors
-    assert len(decoded(run, "x.mcap")) == 2
-    assert not (tmp_path / "motors").is_symlink()
-
-
 def test_a_lost_port_ends_both(run, environment, tmp_path: Path):
     with bridged(environment, tmp_path, "-o", "x.mcap") as (process, far, name):
         with opened(tmp_path) as host:
@@ -126,17 +108,6 @@ def test_what_is_in_the_way_of_the_link_stays(run, tmp_path: Path):
     assert (tmp_path / "motors").read_text() == "mine"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [((), 2), (("no-such-port",), 3), (("sim://", "sim://"), 2), (("sim://", "--baud", "1"), 2)],
-)
-def test_wrong_usage_is_one_line(run, arguments: tuple[str, ...], code: int):
-    done = run("bridge", *arguments, "--no-record")
-    assert done.returncode == code
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("fte-sniff: ")
-
-
 def test_a_host_program_in_front_of_a_simulated_controller(environment, tmp_path: Path):
     with started(
         environment, tmp_path, "bridge", "sim://?host=off", "--link", "motors", "--no-record"
@@ -156,17 +127,3 @@ def test_a_simulated_controller_prints_its_device_as_the_docs_show(environment, 
         lines = [stream.readline().decode() for stream in (process.stdout, process.stderr)]
         process.terminate()
     assert "".join(lines) == shown
-
-
-def test_two_bridges_in_a_row(environment, tmp_path: Path):
-    with (
-        bridged(environment, tmp_path, "--no-record") as (_, far, _),
-        started(
-            environment, tmp_path, "bridge", "motors", "--link", "second", "--no-record"
-        ) as process,
-    ):
-        wait_until(lambda: (tmp_path / "second").exists())
-        with serial.Serial(str(tmp_path / "second"), 115200, timeout=BOUND_S) as host:
-            talk(host, far)
-        process.terminate()
-        assert ended(process)[0] == 0

@@ -131,14 +131,6 @@ def test_a_probe_finds_the_baud(run: Run, baud: int) -> None:
     assert line.bauds_set[-1] == baud
 
 
-def test_a_probe_without_frames_names_swapped_polarity_and_its_fix(run: Run) -> None:
-    with wire() as (far, port), Line(far, 115_200, inverted=True).sending():
-        code, said = doctor(run, port, "--duration", LONG, "--probe")
-    assert code == 1
-    assert "probe: no common baud gives frames: swapped polarity" in said["bad"][1]
-    assert "MAX3232" in said["bad"][1]
-
-
 def test_a_probe_of_a_sound_line_touches_nothing(run: Run) -> None:
     with wire() as (far, port), Line(far, 115_200).sending() as line:
         code, said = doctor(run, port, "--duration", LONG, "--probe")
@@ -167,20 +159,6 @@ def test_a_busy_port_is_reported_with_its_holder(run: Run) -> None:
     assert done.returncode == 3
     assert f"{port} is busy: sleep (pid {other.pid}) has it open; " in done.stderr
     assert f"`fte-sniff live --attach {port}`" in done.stderr
-
-
-def test_a_port_that_is_not_there_exits_with_3_after_what_else_was_found(run: Run) -> None:
-    done = run("doctor", "/dev/no-such-port")
-    assert done.returncode == 3
-    assert "machine: " in done.stdout
-    assert done.stderr.startswith("fte-sniff: /dev/no-such-port: no such port;")
-
-
-@pytest.mark.parametrize("name", ["/dev/null", "/tmp"])
-def test_no_fix_kills_a_program_that_has_something_else_open(run: Run, name: str) -> None:
-    done = run("doctor", name)
-    assert done.returncode == 3
-    assert "or: kill" not in done.stdout
 
 
 def test_without_a_port_no_port_is_opened(run: Run) -> None:

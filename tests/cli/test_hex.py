@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from decimal import Decimal
 
 import pytest
@@ -55,17 +54,6 @@ def test_raw_bytes_go_to_a_port(environment, tmp_path, pty, kind: FrameKind) -> 
     with started(environment, tmp_path, *words, stdout=pty.near) as sending:
         assert sending.wait(BOUND_S) == 0
     assert pty.arrived(BOUND_S) == encode(kind, values)
-
-
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
-def test_hex_takes_back_what_encode_prints(run, kind: FrameKind) -> None:
-    values = {field.name: field.high // 3 + 1 for field in kind.fields}
-    options = [f"--{field.option}={values[field.name]}" for field in kind.fields]
-    printed = run("encode", kind.name, *options).stdout
-    assert printed == spaced_hex(encode(kind, values)) + "\n"
-    row = json.loads(run("hex", printed, "--format", "jsonl").stdout)
-    assert row["kind"] == kind.name
-    assert {name: row[name] for name in values} == values
 
 
 @given(

@@ -20,27 +20,6 @@ pytestmark = pytest.mark.program
 SIM = "sim://?seed=1&rate=400&drop=0.02&noise=0.02"
 
 
-@pytest.mark.parametrize(
-    ("where", "told"),
-    [("0.0.0.0:8765", "anyone in that network could read"), ("sim://", "is not HOST:PORT or PORT")],
-)
-def test_address_that_is_not_of_this_machine_is_refused(run, where: str, told: str) -> None:
-    done = run("live", SIM, "--count", "5", "--no-record", "--serve", where)
-    assert done.returncode == 2
-    assert told in done.stderr
-
-
-def test_port_or_file_behind_serve_is_not_its_address(run, samples) -> None:
-    file = str(samples / "clean.mcap")
-    done = run("live", "--serve", file)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert f"'--serve': {file} is not HOST:PORT or PORT" in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
-"""About the first time of the samples."""
-
-
 @pytest.fixture
 def receiver() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
@@ -61,14 +40,6 @@ def test_json_lines_of_a_capture_are_those_of_its_recording(run) -> None:
     printed = without_facts(map(json.loads, done.stdout.splitlines()))
     assert printed == without_facts(decoded(run, "x.mcap"))
     assert len(printed) == 100
-
-
-def test_csv_of_a_capture_has_a_header_also_without_rows(run) -> None:
-    words = ("live", "sim://?host=off&wire=control", "--no-record", "--duration", "0.1")
-    done = run(*words, "--format", "csv")
-    assert done.returncode == 0
-    assert done.stdout.startswith("time,port,offset")
-    assert done.stdout.count("\n") == 1
 
 
 def test_every_row_is_a_datagram_with_the_names_of_the_topics(run, receiver, tmp_path) -> None:

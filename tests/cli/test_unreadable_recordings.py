@@ -62,17 +62,6 @@ def test_nothing_is_repaired_of_a_recording_without_a_readable_row(
     assert not (tmp_path / "x-repaired.mcap").exists()
 
 
-@pytest.mark.parametrize("end", ["whole", "damaged summary"])
-def test_an_empty_capture_is_read_without_an_error(run: Run, tmp_path: Path, end: str) -> None:
-    content = _record(tmp_path, 0)
-    summary = next(start for opcode, start, _ in records(content) if opcode == DATA_END) + 13
-    if end == "damaged summary":
-        content = content[: summary + 20] + b"?" + content[summary + 21 :]
-    (tmp_path / "x.mcap").write_bytes(content)
-    done = run("decode", "x.mcap")
-    assert done.returncode == 0, done.stderr
-
-
 def test_the_other_files_are_read_too(run: Run, tmp_path: Path) -> None:
     content = _record(tmp_path, 30)
     (tmp_path / "y.mcap").write_bytes(content)

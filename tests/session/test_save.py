@@ -199,22 +199,6 @@ def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
-def test_a_second_ctrl_c_during_the_end_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    export = FileExport(tmp_path / f"rows{suffix}", FORMAT_BY_SUFFIX[suffix], ORIGIN)
-    export.sink.write(Rows.of(rows()))
-
-    class Pressed:
-        def abandon(self) -> None:
-            assert not list(tmp_path.iterdir())
-            raise KeyboardInterrupt
-
-    sink, export.sink = export.sink, Pressed()  # type: ignore[assignment]
-    with pytest.raises(KeyboardInterrupt):
-        export.abandon()
-    sink.abandon()
-
-
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
     saving = SaveTarget.parse(str(tmp_path / "rows.mcap")).open(ORIGIN)
     with pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"):
