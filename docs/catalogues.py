@@ -19,6 +19,7 @@ from babel.messages.catalog import Catalog
 from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
+from fte_sniff import errors
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
@@ -76,8 +77,9 @@ def texts_in(folder: Path) -> Iterator[str]:
                     args=[ast.Constant(value=str(text)), *_],
                     keywords=values,
                 ):
-                    # An error without values is not translated.
-                    if name in KEYWORDS or (values and name.endswith("Error")):
+                    # Other errors without values are not for the user.
+                    is_error = name.endswith("Error") and (values or hasattr(errors, name))
+                    if name in KEYWORDS or is_error:
                         yield text
 
 

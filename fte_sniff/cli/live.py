@@ -71,8 +71,9 @@ def command(
     ports = ports or settings.live.get("ports", ())
     if not ports:
         raise UsageError(
-            "live needs a PORT: `fte-sniff ports` lists them; or name it in "
-            f'[live] of {settings.path}: ports = ["/dev/ttyUSB0"]'
+            "live needs a PORT: `fte-sniff ports` lists them; or name it in [live] of {path}: "
+            'ports = ["/dev/ttyUSB0"]',
+            path=settings.path,
         )
     for port in ports:
         _check_port(port)
