@@ -27,6 +27,7 @@ from tests.cli.processes import (
     BOUND_S,
     PROGRAM,
     Process,
+    children_of,
     ended,
     first_output,
     holding,
@@ -70,7 +71,7 @@ def test_a_storm_of_signals_is_one(environment, tmp_path: Path) -> None:
 def test_a_capture_that_is_stuck_does_not_hold_up_the_end(run, environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "live", SIM, "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
-        (capture,) = holding(tmp_path / "x.mcap")
+        (capture,) = children_of(process.pid)
         os.kill(capture, signal.SIGSTOP)
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)

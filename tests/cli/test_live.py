@@ -25,6 +25,7 @@ from tests.cli.processes import (
     BOUND_S,
     FRAME,
     Process,
+    children_of,
     ended,
     first_output,
     holding,
@@ -146,7 +147,7 @@ def test_a_killed_view_leaves_a_closed_file(run, environment, tmp_path: Path) ->
 def test_a_killed_capture_is_reported_and_its_file_opens(run, environment, tmp_path: Path) -> None:
     with started(environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap") as process:
         until(process, b"speed_feedback")
-        (capture,) = holding(tmp_path / "x.mcap")
+        (capture,) = children_of(process.pid)
         os.kill(capture, signal.SIGKILL)
         code, _, errors = ended(process)
     assert code == 3
