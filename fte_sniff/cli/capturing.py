@@ -51,7 +51,6 @@ from fte_sniff.formats.writers import (
     FORMAT_BY_SUFFIX,
     TEXT_FORMATS,
     OutputFormat,
-    RowWriter,
 )
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
@@ -60,6 +59,7 @@ from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 from fte_sniff.session.save import text_writer
 
 if TYPE_CHECKING:
+    from fte_sniff.protocol.rows import Rows
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
@@ -406,7 +406,10 @@ class PlainLines(Observer):
     """Prints one line for each row that passes a filter."""
 
     def __init__(
-        self, wanted: RowFilter | None, alert: Alert | SilenceAlert | None, write: RowWriter
+        self,
+        wanted: RowFilter | None,
+        alert: Alert | SilenceAlert | None,
+        write: Callable[[Rows], None],
     ) -> None:
         """None filters nothing, and alerts to nothing."""
         self._wanted = None if wanted is None else wanted.stream()

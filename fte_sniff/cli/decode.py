@@ -30,9 +30,10 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.following import Following
-from fte_sniff.session.save import ExportSource, FileExport, RawSink, Sink, open_sink
+from fte_sniff.session.save import ExportSource, FileExport, Sink, open_sink
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -66,6 +67,7 @@ def command(
     """
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
     check_columns(columns, written)
+    ports = set[str]()
     if following is not None and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -81,12 +83,13 @@ def command(
         with _opened(written, output, reading.source, force=force) as sink:
             for item in reading:
                 sink.write(item)
+                if written is OutputFormat.RAW and isinstance(item, Rows):
+                    ports.update(item.used_ports)
     print_notes(reading)
-    raw = sink.sink if isinstance(sink, FileExport) else sink
-    if isinstance(raw, RawSink) and len(raw.ports) > 1:
+    if len(ports) > 1:
         print_err(
-            f"fte-sniff: nothing separates the bytes of {len(raw.ports)} ports in one stream; for"
-            f" one of them use --filter \"port = '{min(raw.ports)}'\""
+            f"fte-sniff: nothing separates the bytes of {len(ports)} ports in one stream; for"
+            f" one of them use --filter \"port = '{min(ports)}'\""
         )
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
@@ -121,7 +124,7 @@ def _is_stdout(path: Path | None) -> bool:
 @contextmanager
 def _opened(
     form: OutputFormat, path: Path | None, source: ExportSource, *, force: bool
-) -> Iterator[Sink]:
+) -> Iterator[Sink | FileExport]:
     """Standard output (None or `-`), or a file that replaces `path` when complete.
 
     A command that fails or is interrupted leaves no file, and an old file stays until the new one
@@ -134,7 +137,9 @@ def _opened(
     """
     if path is None or _is_stdout(path):
         is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
-        sink = open_sink(form, None if is_text else _binary_stdout(form, path), source)
+        sink: Sink | FileExport = open_sink(
+            form, None if is_text else _binary_stdout(form, path), source
+        )
     else:
         sink = FileExport(path, form, source, Existing.REPLACE if force else Existing.REFUSE)
     try:

@@ -14,7 +14,7 @@ from fte_sniff.cli.options import rows_format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.plain_hex import is_hex_line, plain_hex
-from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat, RowWriter
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol import Chunk, Rows
 from fte_sniff.session.framing import rows_of_chunks
 from fte_sniff.session.save import text_writer
@@ -36,9 +36,7 @@ def command(text: tuple[str, ...], form: str | None) -> None:
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
-    write = (
-        _dissection() if form is None else text_writer(OutputFormat(form), sys.stdout, ports=False)
-    )
+    write = text_writer(OutputFormat(form) if form else None, sys.stdout, ports=False)
     notes: list[str] = []
     try:
         for rows in _rows_of(text, notes):
@@ -47,18 +45,6 @@ def command(text: tuple[str, ...], form: str | None) -> None:
         raise _file_name_error(text) or error from error
     for note in notes:
         print_err(f"fte-sniff: {note}")
-
-
-def _dissection() -> RowWriter:
-    from fte_sniff.formats.text_table import DissectionWriter
-
-    if not sys.stdout.isatty():
-        return DissectionWriter(sys.stdout, None, colored=False)
-    from os import environ
-    from shutil import get_terminal_size
-
-    width = get_terminal_size().columns
-    return DissectionWriter(sys.stdout, width, colored=not environ.get("NO_COLOR"))
 
 
 def _rows_of(words: tuple[str, ...], notes: list[str]) -> list[Rows]:

@@ -3,7 +3,6 @@
 Modules:
 
     cell_text    Text fitted to terminal cells; times and numbers in few characters (rich).
-    column_text  Texts of the columns of a DataFrame (polars).
     decoders     Decoders for sigrok, Wireshark and JSON tools, generated from the frame table.
     known_files  Files that hold no bytes of a wire, by how they begin.
     log          Log: the chunks of a text log of another program.
@@ -14,5 +13,5 @@ Modules:
     parquet      Write Parquet files (polars).
     pcapng       Write pcapng files, for Wireshark.
     text_table   Rows as lines of a table, and explained byte by byte.
-    writers      Output formats, and the writers of CSV, JSONL and hex.
+    writers      Output formats, and the writers of CSV and JSON lines.
 """

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, tzinfo
 from functools import lru_cache
 from os.path import commonprefix
-from textwrap import wrap as wrap_ascii
 from typing import Final
 
-from rich.cells import cell_len, chop_cells, set_cell_size
+from rich.cells import cell_len, set_cell_size
 
 from fte_sniff.errors import TranslatableText
 
 ELLIPSIS = "…"
 """The mark of cut text."""
-
-_WIDE = "\u2e80-\u9fff\uff00-\uffef"
-_CLOSING = "，。；：、）”！？"
-_UNITS = re.compile(rf"\s+|[（“]*[{_WIDE}][{_CLOSING}]*|[^\s{_WIDE}]+[{_CLOSING}]*")
-"""Units that a line break never divides; wide characters are units of their own."""
 
 
 def fit(text: str, width: int) -> str:
@@ -51,23 +44,6 @@ def fit_path(path: str, width: int) -> str:
             break
         kept = character + kept
     return ELLIPSIS + kept if width > 0 else ""
-
-
-def wrap(text: str, width: int) -> list[str]:
-    """Break a text into lines of at most `width` cells; an empty text has no lines."""
-    width = max(1, width)
-    if text.isascii():
-        return wrap_ascii(text, width, break_on_hyphens=False)
-    lines, line = [], ""
-    for unit in _UNITS.findall(text):
-        if cell_len(line + unit.rstrip()) <= width:
-            line += unit
-            continue
-        if line.strip():
-            lines.append(line.rstrip())
-        *whole, line = chop_cells(unit.lstrip(), width) or [""]
-        lines += whole
-    return [*lines, line.rstrip()] if line.strip() else lines
 
 
 def padded(text: str, width: int) -> str:

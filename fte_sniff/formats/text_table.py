@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable, Iterator
 from datetime import UTC, tzinfo
 from shutil import get_terminal_size
@@ -130,33 +131,32 @@ def values_text(row: Row) -> str:
 
 _OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
 _BYTES_A_LINE = 6
-_LEAST_WRAP = 20
 
 
 class DissectionWriter:
-    """Writes the explanation of each row, with an empty line between rows."""
+    """Writes the explanation of each row, with an empty line between rows.
 
-    def __init__(self, stream: TextIO, width: int | None, *, colored: bool) -> None:
-        """Write to a text stream; without a `width` the explanations are not wrapped."""
-        self._stream = stream
-        self._width = width
-        self._colored = colored
-        self._has_rows = False
+    On a terminal, lines are coloured and wrapped at its right edge.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        """Write to a text stream."""
+        self._stream, self._between, is_screen = stream, "", stream.isatty()
+        self._width = get_terminal_size().columns if is_screen else sys.maxsize
+        self._is_colored = is_screen and not os.environ.get("NO_COLOR")
 
     def __call__(self, rows: Iterable[Row]) -> None:
         """Write the rows."""
         for row in rows:
-            if self._has_rows:
-                self._stream.write("\n")
-            self._has_rows = True
-            for line in _row_lines(row, self._width):
-                self._stream.write((line if self._colored else click.unstyle(line)) + "\n")
+            text = "".join(f"{line}\n" for line in _row_lines(row, self._width))
+            self._stream.write(self._between + (text if self._is_colored else click.unstyle(text)))
+            self._between = "\n"
 
 
-def _row_lines(row: Row, width: int | None) -> Iterator[str]:
+def _row_lines(row: Row, width: int) -> Iterator[str]:
     yield _title(row)
     for sentence in explain(row):
-        yield from _indented(sentence, 2, width, LOOKS[row.status].color)
+        yield from _wrapped(sentence, "  ", width, LOOKS[row.status].color)
     for field in dissect(row):
         yield from _field_lines(field, width)
 
@@ -173,22 +173,24 @@ def _title(row: Row) -> str:
     return "  ".join(filter(None, words))
 
 
-def _field_lines(field: ExplainedField, width: int | None) -> Iterator[str]:
+def _field_lines(field: ExplainedField, width: int) -> Iterator[str]:
     look = LOOKS[status_of((field.fault,) if field.fault else ())]
-    mark, color = look.mark, look.color if field.fault else None
-    first, *further = _byte_groups(field.raw)
-    lead = f"  {mark} {_offsets_text(field.offsets):<{_OFFSETS}} {first:<{_BYTES}}"
+    color = look.color if field.fault else None
+    first, *further = [
+        spaced_hex(field.raw[at : at + _BYTES_A_LINE])
+        for at in range(0, len(field.raw), _BYTES_A_LINE)
+    ] or ["--"]
+    lead = f"  {look.mark} {_offsets_text(field.offsets):<{_OFFSETS}} {first:<{_BYTES}}"
     lead += f" {field.name:<{_NAME}} {field.value:<{_VALUE}} "
-    column = len(lead)
-    texts = [text for text in (field.meaning, field.note) if text] or [""]
-    lines = [line for text in texts for line in _wrapped(text, column, width)]
-    yield click.style((lead + lines[0]).rstrip(), fg=color)
-    yield from (click.style(" " * column + line, fg=color) for line in lines[1:])
+    indent = " " * len(lead)
+    for text in filter(None, (field.meaning or field.note or " ", field.meaning and field.note)):
+        yield from _wrapped(text, lead, width, color)
+        lead = indent
     yield from (" " * 10 + group for group in further)
     for bit in field.bits:
         if bit.is_raised:
             text = f"bit {bit.number} is {bit.is_set:d}: {bit.meaning}"
-            yield from _indented(text, column, width, None)
+            yield from _wrapped(text, indent, width, None)
 
 
 def _offsets_text(offsets: range) -> str:
@@ -197,19 +199,15 @@ def _offsets_text(offsets: range) -> str:
     return f"{offsets[0]}" if len(offsets) == 1 else f"{offsets[0]}-{offsets[-1]}"
 
 
-def _byte_groups(raw: bytes) -> list[str]:
-    return [
-        spaced_hex(raw[at : at + _BYTES_A_LINE]) for at in range(0, len(raw), _BYTES_A_LINE)
-    ] or ["--"]
-
-
-def _indented(text: str, column: int, width: int | None, color: str | None) -> Iterator[str]:
-    for line in _wrapped(text, column, width):
-        yield click.style(" " * column + line, fg=color)
-
-
-def _wrapped(text: str, column: int, width: int | None) -> list[str]:
-    if width is None:
-        return [text]
-    room = max(width - column, _LEAST_WRAP)
-    return wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]
+def _wrapped(text: str, lead: str, width: int, color: str | None) -> Iterator[str]:
+    """The lines of a text behind the lead of the first one, in a colour."""
+    further = " " * len(lead)
+    lines = wrap(
+        text,
+        width,
+        initial_indent=lead,
+        subsequent_indent=further,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    yield from (click.style(line, fg=color) for line in lines or [lead.rstrip()])

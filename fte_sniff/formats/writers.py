@@ -1,4 +1,4 @@
-"""Output formats, and the writers of CSV, JSON lines and hex.
+"""Output formats, and the writers of CSV and JSON lines.
 
 CSV and JSON lines are written from DataFrames: whole columns at once.
 """
@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import UTC, tzinfo
 from enum import StrEnum
-from functools import partial
 from io import BytesIO, TextIOWrapper
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Final, TextIO
 
-from fte_sniff.protocol import COLUMN_BY_NAME, Rows, spaced_hex
+from fte_sniff.errors import printable
+from fte_sniff.protocol import COLUMN_BY_NAME, iso_time
 
 if TYPE_CHECKING:
     import polars as pl
@@ -53,12 +53,6 @@ FORMAT_BY_SUFFIX: Final = MappingProxyType(
 """By file name suffix, in lower case."""
 
 
-RowWriter: TypeAlias = Callable[[Rows], None]
-"""Writes rows to a text stream, which stays open."""
-
-FrameOf: TypeAlias = "Callable[[Rows], pl.DataFrame]"
-"""Makes a DataFrame with the columns of the row contract."""
-
 ALL_COLUMNS: Final = tuple(COLUMN_BY_NAME)
 """The names of all columns, in order."""
 
@@ -66,47 +60,10 @@ CHOOSABLE: Final = (OutputFormat.JSONL, OutputFormat.CSV)
 """The formats whose columns can be chosen."""
 
 
-def row_writer(
-    form: OutputFormat,
-    stream: TextIO,
-    frame_of: FrameOf,
-    *,
-    ports: bool,
-    columns: Sequence[str] = ALL_COLUMNS,
-    zone: tzinfo = UTC,
-) -> RowWriter:
-    """Create the writer of a text format or hex; a table is coloured on a terminal.
-
-    Args:
-        form: the format.
-        stream: the text stream.
-        frame_of: makes the DataFrames of CSV and JSON lines.
-        ports: whether a table has a column for the port.
-        columns: those of `CHOOSABLE` formats.
-        zone: that of the times in a table or CSV; JSON lines have UTC.
-    """
-    match form:
-        case OutputFormat.JSONL:
-            return partial(_write_jsonl, stream, frame_of, columns)
-        case OutputFormat.CSV:
-            stream.write(",".join(columns) + "\n")
-            return partial(_write_csv, stream, frame_of, columns, zone)
-        case OutputFormat.HEX:
-            return lambda rows: stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
-    from fte_sniff.formats.text_table import TableWriter
-
-    return TableWriter(stream, ports=ports, zone=zone)
-
-
-def _write_jsonl(stream: TextIO, frame_of: FrameOf, columns: Sequence[str], rows: Rows) -> None:
-    """Write one JSON object a row; `time` as ISO 8601 with nine digits."""
-    if not len(rows):
-        return
-    from fte_sniff.formats.column_text import time_texts
-
-    frame, lines = frame_of(rows), BytesIO()
-    texts = frame.with_columns(time_texts(frame["time"]).alias("time"))
-    texts.select(columns).write_ndjson(lines)
+def write_jsonl(stream: TextIO, frame: pl.DataFrame, columns: Sequence[str]) -> None:
+    """Write one JSON object a row; `time` as ISO 8601 with nine digits, in UTC."""
+    lines = BytesIO()
+    frame.with_columns(time=time_texts(frame["time"])).select(columns).write_ndjson(lines)
     data = lines.getvalue()
     if data.isascii() and isinstance(stream, TextIOWrapper):
         stream.flush()
@@ -115,22 +72,30 @@ def _write_jsonl(stream: TextIO, frame_of: FrameOf, columns: Sequence[str], rows
         stream.write(printable_json(data.decode()))
 
 
-def _write_csv(
-    stream: TextIO, frame_of: FrameOf, columns: Sequence[str], zone: tzinfo, rows: Rows
-) -> None:
+def write_csv(stream: TextIO, frame: pl.DataFrame, columns: Sequence[str], zone: tzinfo) -> None:
     """Write CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
-    if not len(rows):
-        return
-    from fte_sniff.formats.column_text import faults_texts, printable_texts, time_texts
+    import polars as pl
 
-    frame = frame_of(rows)
+    faults, ports = pl.col("faults"), frame["port"]
+    shown = {port: printable(port) or None for port in ports.unique()}
     texts = frame.with_columns(
         time=time_texts(frame["time"], zone),
-        port=printable_texts(frame["port"]),
-        faults=faults_texts(frame["faults"]),
+        port=ports.replace_strict(shown, return_dtype=pl.String()),
+        faults=pl.when(faults.list.len() > 0).then(
+            faults.cast(pl.List(pl.String())).list.join(",")
+        ),
     )
-    chosen = texts.select(columns)
-    stream.write(chosen.write_csv(include_header=False, line_terminator="\n"))
+    stream.write(texts.select(columns).write_csv(include_header=False, line_terminator="\n"))
+
+
+def time_texts(time: pl.Series, zone: tzinfo = UTC) -> pl.Series:
+    """Times as `iso_time` formats them in a zone; null where they are null."""
+    import polars as pl
+
+    if zone == UTC:
+        return time.dt.to_string("%Y-%m-%dT%H:%M:%S%.9fZ")
+    texts = [None if t_ns is None else iso_time(t_ns, zone) for t_ns in time.to_physical()]
+    return pl.Series(texts, dtype=pl.String())
 
 
 def json_text(value: object) -> str:

@@ -5,23 +5,23 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, tzinfo
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Final, Protocol, TextIO
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TextIO
 
 from fte_sniff.errors import FileError, FteSniffError, UsageError, unwritable
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
     OutputFormat,
-    RowWriter,
-    row_writer,
+    write_csv,
+    write_jsonl,
 )
-from fte_sniff.protocol import Gap, PortEvent
+from fte_sniff.protocol import Gap, PortEvent, spaced_hex
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.output_file import Existing, OutputFile, file_names
 
@@ -59,17 +59,33 @@ class ExportSource:
 UNKNOWN = ExportSource()
 
 
-class Sink(Protocol):
-    """Writes rows in one format. Each method may raise OSError or FileError."""
+class Sink:
+    """Writes rows to a file in one format. Each method may raise OSError or FileError."""
+
+    def __init__(
+        self,
+        stream: IO[Any],
+        write: Callable[[Any], object],
+        finish: Callable[[], None] = lambda: None,
+        kinds: tuple[type, ...] = (Rows,),
+    ) -> None:
+        """Write items of these kinds; `finish` writes what the format requires at the end."""
+        self._stream, self._write, self._finish, self._kinds = stream, write, finish, kinds
 
     def write(self, item: Item) -> None:
         """Write rows; a recording also holds the port events between them."""
+        if isinstance(item, self._kinds):
+            self._write(item)
 
     def close(self) -> None:
         """Write what the format requires at its end, and close the file."""
+        self._finish()
+        self.abandon()
 
     def abandon(self) -> None:
         """Close the file as it is."""
+        if self._stream is not sys.stdout:
+            self._stream.close()
 
 
 def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource) -> Sink:
@@ -80,185 +96,147 @@ def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource)
     Gaps and selections of the source are read on closing. Raises OSError if the file cannot be
     created.
     """
-    match form:
-        case OutputFormat.PARQUET if isinstance(path, Path):
-            return _ParquetSink(path)
-        case OutputFormat.MCAP if path is not None:
-            return _RecordingSink(path, source)
-        case OutputFormat.PCAPNG if path is not None:
-            return PcapngSink(path, source)
-        case OutputFormat.RAW if path is not None:
-            return RawSink(path)
-        case _:
-            assert not isinstance(path, int)
-            return _TextSink(form, path, source)
+    if path is None:
+        return _text_sink(sys.stdout, form, source)
+    if form is OutputFormat.PARQUET:
+        assert isinstance(path, Path)
+        return _parquet_sink(path)
+    if form in _BINARY:
+        buffering = 0 if form is OutputFormat.MCAP else -1
+        stream = open(path, "wb", buffering, closefd=isinstance(path, Path))  # noqa: SIM115
+        return _BINARY[form](stream, source)
+    assert isinstance(path, Path)
+    text = path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
+    return _text_sink(text, form, source)
 
 
 def text_writer(
-    form: OutputFormat,
+    form: OutputFormat | None,
     stream: TextIO,
     *,
     ports: bool,
     columns: Sequence[str] = ALL_COLUMNS,
     zone: tzinfo = UTC,
-) -> RowWriter:
-    """Create the writer of a text format or hex; see `row_writer`."""
+) -> Callable[[Rows], None]:
+    """Create the writer of a text format or hex to a stream that stays open.
 
-    def frame_of(rows: Rows) -> pl.DataFrame:
+    Args:
+        form: the format; None explains each row byte by byte.
+        stream: the text stream; a table and explanations are coloured on a terminal.
+        ports: whether a table has a column for the port.
+        columns: those of CSV and JSON lines.
+        zone: that of the times in a table or CSV; JSON lines have UTC.
+    """
+    from fte_sniff.formats.text_table import DissectionWriter, TableWriter
+
+    if form is None:
+        return DissectionWriter(stream)
+    if form is OutputFormat.TABLE:
+        return TableWriter(stream, ports=ports, zone=zone)
+    if form is OutputFormat.HEX:
+        return lambda rows: stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
+    if form is OutputFormat.CSV:
+        stream.write(",".join(columns) + "\n")
+
+    def write(rows: Rows) -> None:
         from fte_sniff.analysis.dataframe import table_frame
 
-        return table_frame(rows)
+        if form is OutputFormat.CSV and len(rows):
+            write_csv(stream, table_frame(rows), columns, zone)
+        elif len(rows):
+            write_jsonl(stream, table_frame(rows), columns)
 
-    return row_writer(form, stream, frame_of, ports=ports, columns=columns, zone=zone)
+    return write
 
 
 _AT_ONCE: Final = 1 << 14
 """Rows whose text is in memory at once, some hundred bytes each."""
 
 
-class _TextSink:
-    """Writes rows as text; each batch is flushed, so that the reader of a pipe gets it at once."""
+def _text_sink(stream: TextIO, form: OutputFormat, source: ExportSource) -> Sink:
+    """Text; each batch is flushed, so that the reader of a pipe gets it at once."""
+    several, columns = len(source.ports) > 1, source.columns
+    write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
 
-    def __init__(self, form: OutputFormat, path: Path | None, source: ExportSource) -> None:
-        self._stream: TextIO = (
-            sys.stdout
-            if path is None
-            else path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
-        )
-        self._write = text_writer(
-            form,
-            self._stream,
-            ports=len(source.ports) > 1,
-            columns=source.columns,
-            zone=source.zone,
-        )
+    def write(rows: Rows) -> None:
+        for start in range(0, len(rows), _AT_ONCE):
+            write_rows(rows[start : start + _AT_ONCE])
+        stream.flush()
 
-    def write(self, item: Item) -> None:
-        if isinstance(item, Rows):
-            for start in range(0, len(item), _AT_ONCE):
-                self._write(item[start : start + _AT_ONCE])
-            self._stream.flush()
-
-    def close(self) -> None:
-        """See `Sink`."""
-        if self._stream is not sys.stdout:
-            self._stream.close()
-
-    abandon = close
+    return Sink(stream, write)
 
 
-class _BytesSink:
-    """Writes bytes to a file, or to an open descriptor."""
-
-    def __init__(self, path: Path | int, buffering: int = -1) -> None:
-        closes = not isinstance(path, int)
-        self._stream = open(path, "wb", buffering, closefd=closes)  # noqa: SIM115
-
-    def close(self) -> None:
-        """See `Sink`."""
-        self._stream.close()
-
-    def abandon(self) -> None:
-        """See `Sink`."""
-        self._stream.close()
+def _raw_sink(stream: BinaryIO, _source: ExportSource) -> Sink:
+    return Sink(stream, lambda rows: stream.write(rows.tobytes()))
 
 
-class RawSink(_BytesSink):
-    """Writes the bytes of the rows."""
+def _pcapng_sink(stream: BinaryIO, source: ExportSource) -> Sink:
+    """pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
+    from fte_sniff.formats.pcapng import PcapngWriter
 
-    def __init__(self, path: Path | int) -> None:
-        super().__init__(path)
-        self.ports: set[str] = set()
-        """The ports of the rows; nothing in the file separates them."""
+    writer = PcapngWriter(stream, source.bauds)
 
-    def write(self, item: Item) -> None:
-        """See `Sink`."""
-        if isinstance(item, Rows):
-            self.ports.update(item.used_ports)
-            self._stream.write(item.tobytes())
+    def write(rows: Rows) -> None:
+        writer.write(rows)
+        stream.flush()
+
+    return Sink(stream, write)
 
 
-class PcapngSink(_BytesSink):
-    """Writes pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
+def _recording_sink(stream: BinaryIO, source: ExportSource) -> Sink:
+    """A recording; each row must have a time."""
+    from mcap.records import Metadata
 
-    def __init__(self, path: Path | int, source: ExportSource) -> None:
-        from fte_sniff.formats.pcapng import PcapngWriter
+    from fte_sniff.recording import metadata
+    from fte_sniff.recording.writer import BulkWriter
 
-        super().__init__(path)
-        self._writer = PcapngWriter(self._stream, source.bauds)
+    ports = [metadata.PortFacts(port, source.bauds.get(port)) for port in source.ports]
+    facts = {name: fact for name, fact in source.facts.items() if name not in metadata.PART_FACTS}
+    writer = BulkWriter(stream.fileno(), ports, facts)
 
-    def write(self, item: Item) -> None:
-        """See `Sink`."""
-        if isinstance(item, Rows):
-            self._writer.write(item)
-            self._stream.flush()
-
-
-class _RecordingSink(_BytesSink):
-    """Writes a recording; each row must have a time."""
-
-    def __init__(self, path: Path | int, source: ExportSource) -> None:
-        from fte_sniff.recording.metadata import PART_FACTS, PortFacts
-        from fte_sniff.recording.writer import BulkWriter
-
-        super().__init__(path, buffering=0)
-        ports = [PortFacts(port, source.bauds.get(port)) for port in source.ports]
-        facts = {name: fact for name, fact in source.facts.items() if name not in PART_FACTS}
-        self._source = source
-        self._writer = BulkWriter(self._stream.fileno(), ports, facts)
-
-    def write(self, item: Item) -> None:
+    def write(item: Rows | PortEvent) -> None:
         for row in item.select(item.t_ns < 0)[:1] if isinstance(item, Rows) else ():
             raise FileError(
                 f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs"
                 " one; write another format"
             )
-        if isinstance(item, Rows | PortEvent):
-            self._writer.write(item)
+        writer.write(item)
 
-    def close(self) -> None:
-        from mcap.records import Metadata
+    def finish() -> None:
+        gaps = [(metadata.LEFT_OUT_NAME, metadata.gap_to_metadata(gap)) for gap in source.gaps]
+        chosen = [(metadata.SELECTION_NAME, one.to_metadata()) for one in source.selections]
+        writer.close(Metadata(*record) for record in [*gaps, *chosen])
 
-        from fte_sniff.recording.metadata import LEFT_OUT_NAME, SELECTION_NAME, gap_to_metadata
-
-        gaps = [Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)) for gap in self._source.gaps]
-        selections = [
-            Metadata(SELECTION_NAME, one.to_metadata()) for one in self._source.selections
-        ]
-        self._writer.close([*gaps, *selections])
-        super().close()
+    return Sink(stream, write, finish, (Rows, PortEvent))
 
 
-class _ParquetSink:
-    """Writes the columns of `analysis.dataframe`.
+_BINARY: Final = {
+    OutputFormat.MCAP: _recording_sink,
+    OutputFormat.PCAPNG: _pcapng_sink,
+    OutputFormat.RAW: _raw_sink,
+}
+
+
+def _parquet_sink(path: Path) -> Sink:
+    """The columns of `analysis.dataframe`.
 
     polars writes a file as a whole, so rows wait in one without a name until the end.
     """
+    from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
+    from fte_sniff.formats.parquet import write_parquet
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._waiting = path, TemporaryFile(dir=path.parent)  # noqa: SIM115
+    waiting = TemporaryFile(dir=path.parent)  # noqa: SIM115
 
-    def write(self, item: Item) -> None:
-        if isinstance(item, Rows) and len(item):
-            pickle.dump(item, self._waiting, pickle.HIGHEST_PROTOCOL)
-
-    def close(self) -> None:
-        from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-        from fte_sniff.formats.parquet import write_parquet
-
-        self._waiting.seek(0)
-        write_parquet(self._frames(), self._path, dict(TABLE_SCHEMA))
-        self.abandon()
-
-    def abandon(self) -> None:
-        self._waiting.close()
-
-    def _frames(self) -> Iterator[pl.DataFrame]:
-        from fte_sniff.analysis.dataframe import table_frame
-
+    def frames() -> Iterator[pl.DataFrame]:
         with suppress(EOFError):
             while True:
-                yield table_frame(pickle.load(self._waiting))
+                yield table_frame(pickle.load(waiting))
+
+    def finish() -> None:
+        waiting.seek(0)
+        write_parquet(frames(), path, dict(TABLE_SCHEMA))
+
+    return Sink(waiting, lambda rows: pickle.dump(rows, waiting, pickle.HIGHEST_PROTOCOL), finish)
 
 
 # Files that have their names only once they are complete
@@ -275,13 +253,10 @@ class FileExport:
         existing: Existing = Existing.REPLACE,
     ) -> None:
         """Create the temporary file; raises FileError."""
-        if form is OutputFormat.PARQUET:  # loading takes long, and Ctrl-C may end it at once
-            import fte_sniff.formats.parquet  # noqa: F401
         self.path, self.rows = path, 0
-        self._file: OutputFile | None = None
+        self._file = OutputFile(path, existing, is_hidden=True)
         self.sink: Sink | None = None
         with self._abandoned_on_error():
-            self._file = OutputFile(path, existing, is_hidden=True)
             self._file.create()
             self.sink = open_sink(form, self._file.made, source)
 
@@ -295,7 +270,6 @@ class FileExport:
     def close(self) -> None:
         """Complete the file, and give it its name; raises FileError."""
         assert self.sink is not None
-        assert self._file is not None
         with self._abandoned_on_error():
             self.sink.close()
             self._file.close()  # Windows renames no open file
@@ -303,8 +277,6 @@ class FileExport:
 
     def abandon(self) -> None:
         """Close the file, and delete it unless it has its name."""
-        if self._file is None:
-            return
         self._file.discard()  # at once: a second Ctrl-C ends the program
         if self.sink is not None:
             with suppress(OSError, FteSniffError):
@@ -367,8 +339,7 @@ def is_same_file(path: Path, other: Path | str) -> bool:
         return False
 
 
-@dataclass(frozen=True, slots=True)
-class SaveTarget:
+class SaveTarget(NamedTuple):
     """A file to save to."""
 
     path: Path

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.formats.column_text import time_texts
+from fte_sniff.formats.writers import time_texts
 from fte_sniff.protocol import iso_time
 from fte_sniff.protocol.columns import iso_time_ns
 
