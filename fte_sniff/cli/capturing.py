@@ -59,10 +59,10 @@ from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 from fte_sniff.session.save import text_writer
 
 if TYPE_CHECKING:
-    from fte_sniff.protocol.rows import Rows
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
+    from fte_sniff.protocol.rows import Rows
     from fte_sniff.recording.recorder import Outcome
     from fte_sniff.session.capture_process import CapturePlan
     from fte_sniff.session.live_session import LiveSession
