@@ -1,8 +1,7 @@
 """Entry points: `fte-sniff`, `python -m fte_sniff`, and the processes that the program starts.
 
 While the program is loading, Ctrl-C ends it at once and without a traceback; afterwards the
-command line handles it. No code of the working folder is imported, except what Python itself loads
-before this module for `python -m`.
+command line handles it. `fte-sniff` imports no code of the working folder.
 
 An error in the program ends with `EXIT_INTERNAL`, because Python's own exit code for it, 1, means
 that `check` or `doctor` says no.
@@ -73,20 +72,5 @@ def _exit_if_short(error: BaseException | None, *, quiet: bool = False) -> None:
         error = error.__cause__ or error.__context__
 
 
-def _leave_working_folder() -> None:
-    """Remove the folder that `python -m` puts first on the import path."""
-    import os
-
-    try:
-        folder = os.getcwd()  # noqa: PTH109
-    except FileNotFoundError:
-        return
-    if sys.path[0] == folder:
-        del sys.path[0]
-        if __file__ == os.path.join(folder, "fte_sniff", "__main__.py"):  # noqa: PTH118
-            sys.path.append(folder)
-
-
 if __name__ == "__main__":
-    _leave_working_folder()
     main()

@@ -264,14 +264,13 @@ def run_capture(
     zone = None if zone is None else zone_of(zone)
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    silence = silence or DEFAULT_SILENCE_S
     plan = capture_plan(
         wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share)),
         outlives_view=keep_recording,
         shows_rows=not headless,
         duration_s=duration,
         count=count,
-        silence_s=min(silence, silence_of(alert_text) or silence),
+        silence_s=silence_of(alert_text) or silence or DEFAULT_SILENCE_S,
         **recording,
     )
     wanted, alert = row_filter(filter_text, zone), alert_of(alert_text, zone)

@@ -102,8 +102,8 @@ def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | SilenceAle
         return None
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
 
-    if (seconds := silence_of(text)) is not None:
-        return SilenceAlert(seconds)
+    if silence_of(text) is not None:
+        return SilenceAlert()
     return Alert(RowFilter.parse(text, zone))
 
 
