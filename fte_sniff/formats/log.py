@@ -25,10 +25,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache, partial
 from itertools import chain, product
+from math import inf
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, NoReturn
 
-from fte_sniff.errors import FileError, InputTextError, quoted, unreadable
+from fte_sniff.errors import FileError, InputTextError, quoted
 from fte_sniff.formats.known_files import refuse_results
 from fte_sniff.formats.log_text import LONGEST_LINE, LogText, is_text
 from fte_sniff.formats.log_times import LogClock, LogOptions
@@ -202,24 +203,31 @@ _CUTS: Final = [slice(a or None, -b or None) for a, b in product(range(5), range
 """What may be beside the data of each run: up to four bytes before, and two behind them."""
 _MANY: Final = 5
 """Runs that show it."""
+_LEAST_SHARE: Final = 0.05
+"""Of the bytes of a form in frames."""
 _CLEAN: Final = 0.8
 """Of the bytes between them, how many are in frames."""
 
 
-def _score(frames: int, size: int) -> float:
+def _in_frames(data: bytes) -> int:
+    """The bytes in whole frames."""
+    return FRAME_LENGTH * len(_FRAME.findall(data))
+
+
+def _score(data: bytes) -> float:
     """Frames count for a reader, bytes outside frames against it."""
-    return 10 * frames - 0.05 * (size - FRAME_LENGTH * frames)
+    return _in_frames(data) - 0.05 * (len(data) - _in_frames(data))
 
 
 def _best_cut(runs: Sequence[bytes]) -> slice:
     """Which bytes of each run are data: the most with the most frames."""
-    best, most = slice(None), _score(len(_FRAME.findall(b"".join(runs))), sum(map(len, runs)))
-    for cut in _CUTS[1:] if len(runs) >= _MANY else ():
+
+    def score(cut: slice) -> float:
         data = b"".join(run[cut] for run in runs)
-        frames = len(_FRAME.findall(data))
-        if FRAME_LENGTH * frames >= _CLEAN * len(data) and _score(frames, len(data)) > most:
-            best, most = cut, _score(frames, len(data))
-    return best
+        is_clean = cut is _CUTS[0] or _in_frames(data) >= _CLEAN * len(data)
+        return _score(data) if is_clean else -inf
+
+    return max(_CUTS if len(runs) >= _MANY else _CUTS[:1], key=score)
 
 
 def _are_twins(one: bytes, other: bytes) -> bool:
@@ -275,21 +283,18 @@ class LineReader:
 
     def _learn_lanes(self, lines: Iterable[str]) -> None:
         lanes, all_data = defaultdict[Lane, list[tuple[bool, bytes]]](list), list[bytes]()
-        wires = defaultdict[tuple[Lane, str], bytes](bytes)
         for text, _ in map(self._masked, lines):
             for run in self.form.run.finditer(text):
-                lane, data = self._lane(text, run), self._bytes(run)
-                lanes[lane].append((_is_last(text, run.end()), data))
-                wires[lane, way_in(text[: run.start()])] += data
-        with_frames = {lane for (lane, _), data in wires.items() if _FRAME.search(data)}
-        for lane in filter(with_frames.__contains__, lanes):
-            runs = [data for _, data in lanes[lane]]
-            data = b"".join(runs)
+                end, data = _is_last(text, run.end()), self._bytes(run)
+                lanes[self._lane(text, run)].append((end, data))
+        for lane, runs in lanes.items():
+            if not _FRAME.search(data := b"".join(run for _, run in runs)):
+                continue
             is_twin = any(_are_twins(data, other) for other in all_data)
-            self._add(lane, slice(0) if is_twin else _best_cut(runs))
+            self._add(lane, slice(0) if is_twin else _best_cut([run for _, run in runs]))
             all_data.append(data)
-            long = [is_last for is_last, data in lanes[lane] if len(data) >= _FEW]
-            ends = Counter(long or [is_last for is_last, _ in lanes[lane]])
+            long = [end for end, run in runs if len(run) >= _FEW]
+            ends = Counter(long or [end for end, _ in runs])
             self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
 
     def _add(self, lane: Lane, cut: slice) -> None:
@@ -375,9 +380,9 @@ class LineReader:
         """The data of the first lines, by their ways."""
         for entry, above in found:
             self.wires[self._way(entry, above)] += entry.data
-        self.frames = sum(len(_FRAME.findall(data)) for data in self.wires.values())
-        self.size = sum(map(len, self.wires.values()))
-        self.score = _score(self.frames, self.size)
+        wires = self.wires.values()
+        self.score = sum(map(_score, wires))
+        self.has_frames = sum(map(_in_frames, wires)) > _LEAST_SHARE * sum(map(len, wires))
 
     def _way(self, entry: Entry, above: Heading) -> str:
         if self._has_words:
@@ -430,7 +435,7 @@ class LineReader:
         return size, f"{self.form.name} ({size:,} bytes, {', '.join(examples[:2])})"
 
     def notes(self) -> Iterator[str]:
-        """What is not read, one line each; complete after reader."""
+        """What is not read, one line each; complete after reading."""
         example = quoted(self._example.strip()[:80])
         if self._skipped == 1:
             yield f"one line holds no bytes: {example}"
@@ -446,14 +451,12 @@ class LineReader:
 class PlainReader:
     """Reads plain hex."""
 
-    has_times = False
+    has_times, has_frames = False, True  # it needs no frames
     wires: Final = {"": b""}
 
     def __init__(self, lines: Iterable[str]) -> None:
         """Find the frames in the first lines without a mistake."""
-        data = b"".join(plain_hex("\n".join(filter(is_hex_line, lines))))
-        self.frames = len(_FRAME.findall(data))
-        self.score = _score(self.frames, len(data))
+        self.score = _score(b"".join(plain_hex("\n".join(filter(is_hex_line, lines)))))
         self._number = 1
 
     def read(self, block: str) -> Iterator[tuple[str, None, bytes]]:
@@ -474,8 +477,6 @@ _SILENT_S: Final = 1.0
 """A pipe that is silent so long, seconds, is decided by fewer lines, if they hold frames."""
 _LONGEST_SAMPLED: Final = 4096
 """Characters of each of them."""
-_LEAST_SHARE: Final = 0.05
-"""Of the bytes of a form in frames."""
 
 
 class Log:
@@ -490,34 +491,26 @@ class Log:
             FileError: the file cannot be read, or holds results of this program.
             InputTextError: no frames are found in its first lines.
         """
-        self.name, self.options = name, options or LogOptions()
-        self._text, self._stream = LogText(), stream
-        self._blocks = self._text.blocks(stream) if stream else self._blocks_of(Path(name))
-        self._size = 0
-        first = self._decide()
-        self._clock = LogClock(first, name, self.options)
+        self.name, self.options, self._stream = name, options or LogOptions(), stream
+        self._text = LogText()
+        self._blocks = self._text.blocks(stream or Path(name))
+        self._decide()
 
     @property
     def ports(self) -> list[str]:
         """The ports of the first lines."""
         return [*map(self._port, self._reader.wires)] or [self.name]
 
-    def _blocks_of(self, path: Path) -> Iterator[str]:
-        try:
-            with path.open("rb") as file:
-                yield from self._text.blocks(file)
-        except OSError as error:
-            raise unreadable(path, error) from error
-
     def _port(self, way: str) -> str:
         return f"{self.name}:{way}" if way else self.name
 
-    def _decide(self) -> list[str]:
-        """Decide how to read it, by its first lines, which are returned."""
+    def _decide(self) -> None:
+        """Decide how to read it, by its first lines."""
         seen, lines = list[str](), list[str]()
         for count in _SAMPLES:
             while len(lines) < count and (block := next(self._blocks, "")):
-                refuse_results(self.name, block if not seen else "")
+                if not seen:
+                    refuse_results(self.name, block)
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
                 if self._is_silent() and self._has_frames(lines):
@@ -526,12 +519,8 @@ class Log:
             if self._has_frames(first) or len(lines) <= count:
                 break
         self._blocks = chain(seen, self._blocks)
-        if not any(map(str.strip, lines)):
-            raise FileError(f"{self.name} is empty; there is nothing to read")
-        best = self._reader
-        if isinstance(best, LineReader) and FRAME_LENGTH * best.frames <= _LEAST_SHARE * best.size:
+        if not self._reader.has_frames:
             self._refuse(first)
-        return first
 
     def _is_silent(self) -> bool:
         """Whether a pipe has nothing more to read for now, as with `tail -f`."""
@@ -543,17 +532,14 @@ class Log:
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
         """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
-        pattern = self.options.pattern
-        style = LogClock(lines, self.name, self.options).style
-        self._readers = [LineReader(form, lines, style, pattern) for form in FORMS]
+        self._clock, pattern = LogClock(lines, self.name, self.options), self.options.pattern
+        self._readers = [LineReader(form, lines, self._clock.style, pattern) for form in FORMS]
         best = max(self._readers, key=lambda one: one.score)
         self._reader: LineReader | PlainReader = best
         if pattern is None and _is_plain(lines) and not _are_lost(self._text.first):
             plain = PlainReader(lines)
-            if not best.frames or plain.score >= best.score:
-                self._reader = plain
-                return True
-        return best.frames > 0
+            self._reader = best if best.has_frames and plain.score < best.score else plain
+        return self._reader.has_frames
 
     def _refuse(self, lines: Sequence[str]) -> NoReturn:
         if _are_lost(self._text.first):
@@ -578,7 +564,8 @@ class Log:
             InputTextError: something in plain hex is not hex.
             FileError: a line is too long.
         """
-        reader, unfinished = self._reader, False
+        reader, size, unfinished = self._reader, 0, False
+        start_ns, byte_ns = self.options.start_ns, byte_time_ns(self.options.baud)
         for block in self._blocks:
             if unfinished and isinstance(reader, LineReader):
                 raise FileError(
@@ -587,36 +574,25 @@ class Log:
                 )
             try:
                 for way, time, data in reader.read(block):
-                    if reader.has_times:
+                    size += len(data)
+                    is_timed, t_ns = reader.has_times, None
+                    if is_timed:
                         t_ns = self._clock.time_ns(time)
-                        yield Chunk(self._port(way), t_ns, data, is_late=True, at_once=True)
-                    else:
-                        yield self._untimed(self._port(way), data)
+                    elif start_ns is not None:  # bytes follow each other at the baud
+                        t_ns = start_ns + size * byte_ns
+                    port = self._port(way)
+                    yield Chunk(port, t_ns, data, is_late=is_timed, at_once=is_timed)
             except InputTextError as error:
                 raise InputTextError(f"{self.name}: {error}") from error
             yield Chunk(self.name, None, b"")
             unfinished = not block.endswith("\n")
 
-    def _untimed(self, port: str, data: bytes) -> Chunk:
-        """A chunk of a log without times; with a start, its bytes follow each other at the baud."""
-        start_ns = self.options.start_ns
-        self._size += len(data)
-        t_ns = None
-        if start_ns is not None:
-            t_ns = start_ns + self._size * byte_time_ns(self.options.baud)
-        return Chunk(port, t_ns, data)
-
     def notes(self) -> Iterator[str]:
-        """What is not read, one line each; complete after reader."""
-        if self._text.nul_bytes:
-            yield (
-                f"{self._text.nul_bytes:,} NUL bytes are skipped; a power cut leaves them in files"
-                " that were being written"
-            )
+        """What is not read, one line each; complete after reading."""
         yield from self._reader.notes()
 
     def time_notes(self) -> Iterator[str]:
-        """What its times lack, one line each; complete after reader."""
+        """What its times lack, one line each; complete after reading."""
         yield from self._clock.notes()
 
 

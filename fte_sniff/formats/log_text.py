@@ -1,14 +1,19 @@
 """The text of a log as blocks of whole lines, from UTF-8, UTF-16 or GBK.
 
-Colours and NUL are removed. A block of NUL, which a power cut leaves in a file, ends a line.
+Colours and NUL are removed. A block of NUL, which a power cut leaves in a file, becomes
+a line that says so.
 """
 
 from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from pathlib import Path
 from typing import BinaryIO, Final
+
+from fte_sniff.errors import unreadable
 
 _BLOCK: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
@@ -26,17 +31,23 @@ _MARKS: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-
 
 
 class LogText:
-    """A text, and what is known of it."""
+    """A text, and how it begins."""
 
-    def __init__(self) -> None:
-        self.nul_bytes = 0
-        """In blocks that were skipped."""
-        self.first = b""
-        """How it begins."""
+    first = b""
+    """The first bytes."""
 
-    def blocks(self, stream: BinaryIO) -> Iterator[str]:
-        """Blocks that end with a line; one that ends within a line is a part of a very long one."""
-        read = getattr(stream, "read1", stream.read)
+    def blocks(self, source: BinaryIO | Path) -> Iterator[str]:
+        """Blocks that end with a line; one that ends within a line is a part of a very long one.
+
+        Raises FileError if a file cannot be read.
+        """
+        try:
+            with source.open("rb") if isinstance(source, Path) else nullcontext(source) as stream:
+                yield from map(_cleaned, self._lines(getattr(stream, "read1", stream.read)))
+        except OSError as error:
+            raise unreadable(source, error) from error
+
+    def _lines(self, read: Callable[[int], bytes]) -> Iterator[bytes]:
         data = read(_BLOCK)
         while 0 < len(data.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
             data += more
@@ -49,20 +60,23 @@ class LogText:
             if not end and len(pending) > LONGEST_LINE:
                 end = pending.rfind(b" ") + 1 or len(pending)
             if end:
-                yield self._cleaned(pending[:end])
+                yield pending[:end]
                 pending = pending[end:]
             data = read(_BLOCK)
         if pending:
-            yield self._cleaned(pending)
+            yield pending
 
-    def _cleaned(self, data: bytes) -> str:
-        if b"\0" in data:
-            self.nul_bytes += sum(map(len, _NULS.findall(data)))
-            data = _NULS.sub(b"\n", data)
-        text = _decoded(data)
-        if text.isascii() and "\0" not in text and "\x1b" not in text:
-            return text
-        return _ESCAPE.sub("", text).translate(_PLAIN)
+
+def _cleaned(data: bytes) -> str:
+    text = _decoded(_NULS.sub(_skipped, data) if b"\0" in data else data)
+    if text.isascii() and "\0" not in text and "\x1b" not in text:
+        return text
+    return _ESCAPE.sub("", text).translate(_PLAIN)
+
+
+def _skipped(nuls: re.Match[bytes]) -> bytes:
+    """A line in place of a block of NUL; a comment in plain hex."""
+    return b"\n# skipped %d NUL bytes, as a power cut leaves them\n" % len(nuls[0])
 
 
 def _decoded(data: bytes) -> str:

@@ -96,7 +96,6 @@ class LogClock:
         self._date: date | None = None
         self._lacking = self._falls = 0
         self._last_ns: int | None = None
-        self._fall = ""
 
     def time_ns(self, found: re.Match[str] | None) -> int | None:
         """The time of a match of the style; the last one, if it is missing or not that of a row."""
@@ -109,8 +108,6 @@ class LogClock:
             return self._last_ns
         if self._last_ns is not None and t_ns < self._last_ns:
             self._falls += 1
-            fall_s = (self._last_ns - t_ns) / _SECOND
-            self._fall = self._fall or f"by {fall_s:,.9g} s to {found[0]}"
         self._last_ns = t_ns
         return t_ns
 
@@ -129,7 +126,7 @@ class LogClock:
         if named != self._named:
             self._date = _date(f"{day} {year or ''}", self._day, self._day_first) if day else None
             lacks = {"zone": not (zone or self._zone), "date": not day}
-            lacks["year"] = not year and len(_words_of(day)) == 2
+            lacks["year"] = not year and len(_WORDS.findall(day or "")) == 2
             self._lacks.update(what for what in lacks if lacks[what])
             self._named = named
         when = self._date or self._day
@@ -143,13 +140,12 @@ class LogClock:
 
     def notes(self) -> Iterator[str]:
         """What the times lack, and where that comes from."""
-        lacking = next((what for what in ("date", "year") if what in self._lacks), "")
-        if self._source and lacking:
-            found = self._day if lacking == "date" else self._day.year
-            yield (
-                f"its times have no {lacking}; {self._source} gives {found},"
-                " --date 2026-01-31 says another"
-            )
+        for lacking in ("date", "year") if self._source else ():
+            if lacking in self._lacks:
+                yield (
+                    f"its times have no {lacking}; {self._source} gives {self._day},"
+                    " --date 2026-01-31 says another"
+                )
         if self._ambiguous:
             order = "day" if self._day_first else "month"
             yield (
@@ -169,8 +165,7 @@ class LogClock:
                 " the one before is taken"
             )
         if self._falls:
-            times = "once" if self._falls == 1 else f"{self._falls:,} times"
-            yield f"its times step back {times}, first {self._fall}; rows keep the later time"
+            yield f"times that step back: {self._falls:,}; rows keep the later time"
 
 
 def _style_of(
@@ -201,14 +196,13 @@ def _moment_ns(day: date, clock: str, half: str, zone: str | None, default: tzin
     return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(seconds=1) * _SECOND
 
 
-def _words_of(text: str | None) -> list[str]:
-    """The numbers of a date, and the first letters of its month."""
-    return re.findall(r"(\d+|[A-Za-z]{3})[a-z]*", text or "")
+_WORDS: Final = re.compile(r"(\d+|[A-Za-z]{3})[a-z]*")
+"""The numbers of a date, and the first letters of its month."""
 
 
 def _date(text: str, near: date, day_first: bool) -> date:
     """The day of a date, without a year that of a near one; raises ValueError if there is none."""
-    words = _words_of(text)
+    words = _WORDS.findall(text)
     words += [str(near.year)] if len(words) == 2 else []
     order = "%d %m %Y" if "." in text or day_first else "%m %d %Y"
     for form in ("%Y%m%d", "%Y %m %d", "%b %d %Y", "%d %b %Y", order, order.lower()):
