@@ -16,7 +16,7 @@ import operator
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -32,11 +32,11 @@ from fte_sniff.analysis.findings import Cause, Finding, find, hidden_text
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.segments import summed as summed_counts
-from fte_sniff.analysis.table import EMPTY, MOTOR, Table
+from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType
-from fte_sniff.protocol.rows import Bools, Ints, Row, Rows
-from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Direction, Role, motor_bit
+from fte_sniff.protocol.rows import Bools, Ints, Row
+from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Role, motor_bit
 
 OPERATORS: Final[Mapping[str, Callable[[Any, float], Any]]] = {
     "==": operator.eq,
@@ -86,6 +86,11 @@ class Rule:
         return self.operator in ("==", "<=", "<")
 
     @property
+    def bit(self) -> int:
+        """The bit in ONLINE of the motor that the argument names."""
+        return 1 << motor_bit(int(self.argument))
+
+    @property
     def unit(self) -> str:
         """Unit of the measured value and the number; empty without one."""
         column = COLUMN_BY_NAME.get(self.argument)
@@ -105,18 +110,10 @@ class Counted(NamedTuple):
     """The indices of rows that show a violation."""
 
 
-@dataclass(frozen=True, slots=True)
-class RulePart:
-    """What was counted for a rule."""
+Shown: TypeAlias = "tuple[Row, str] | None"
+"""The first row that shows a violation, and its input."""
 
-    counts: Counts
-    rows: Rows
-    """The first row, by time, that shows a violation; none if there is none."""
-    file: str
-    """The input of this row."""
-
-
-Part: TypeAlias = tuple[Counts, list[RulePart]]
+Part: TypeAlias = tuple[Counts, Sequence[tuple[Counts, Shown]]]
 """What was counted for all rules: the extent of the rows, and a part for each rule."""
 
 
@@ -135,23 +132,23 @@ def selected(table: Table, filter_text: str) -> Bools:
     return found if table.selected is None else found & table.selected
 
 
-def _part(table: Table, matches: Bools, rule: Rule) -> RulePart:
+def _part(table: Table, matches: Bools, rule: Rule) -> tuple[Counts, Shown]:
     counts, at = MEASURES[rule.measure].counted(table, matches, rule)
-    at = at[np.argsort(table.rows.t_ns[at], kind="stable")][:1]
-    file = "".join(table.sources[code] for code in table.source[at].tolist())
-    return RulePart(counts, table.rows.select(at), file)
+    if not len(at):
+        return counts, None
+    first = int(at[np.argmin(table.rows.t_ns[at])])
+    return counts, (table.rows[first], table.sources[table.source[first]])
 
 
-def summed(parts: Iterable[Part], rules: Sequence[Rule]) -> Part:
+def summed(parts: Iterable[Part]) -> Part:
     """The parts of a stream, in the order of time, as one."""
-    extents, own = zip(counted(EMPTY, rules), *parts, strict=True)
-    return summed_counts(extents), [_added(group) for group in zip(*own, strict=True)]
+    extents, of_rules = zip(*parts, strict=True)
+    return summed_counts(extents), [_added(group) for group in zip(*of_rules, strict=True)]
 
 
-def _added(parts: Sequence[RulePart]) -> RulePart:
-    shown = [part for part in parts if len(part.rows)]
-    first = min(shown, key=lambda part: int(part.rows.t_ns[0]), default=parts[0])
-    return replace(first, counts=summed_counts(part.counts for part in parts))
+def _added(parts: Sequence[tuple[Counts, Shown]]) -> tuple[Counts, Shown]:
+    counts, shown = zip(*parts, strict=True)
+    return summed_counts(counts), next(filter(None, shown), None)
 
 
 def needed(table: Table, rules: Sequence[Rule]) -> Ints:
@@ -165,9 +162,7 @@ def needed(table: Table, rules: Sequence[Rule]) -> Ints:
 
 def analysis_of(rules: Sequence[Rule]) -> Analysis[Part]:
     """The analysis for some rules."""
-    return Analysis(
-        partial(counted, rules=rules), partial(summed, rules=rules), partial(needed, rules=rules)
-    )
+    return Analysis(partial(counted, rules=rules), summed, partial(needed, rules=rules))
 
 
 def _numbers(values: Mapping[str, int | float | None], kind: Any = pl.Int64) -> pl.DataFrame:
@@ -325,35 +320,19 @@ def _delay(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     return Measured(None if value is None else value / 1e6)
 
 
-def _online_times(table: Table, matches: Bools, rule: Rule) -> Counted:
-    """How long a motor was online: a byte holds until the next feedback of its run."""
-    rows, motor, stop = table.rows, int(rule.argument), table.stop
-    feedback = np.flatnonzero(FEEDBACK[rows.kinds[:stop]])
-    if table.selected is not None:
-        feedback = feedback[table.selected[feedback]]
-    is_on = values_at(rows, NAME_OF_ROLE[Role.ONLINE], feedback) >> motor_bit(motor) & 1 == 1
-    timed = rows.timed[feedback]
-    at, held = feedback[timed], is_on[timed]
-    runs, spans = table.runs.number[at], np.maximum(np.diff(rows.t_ns[at]), 0)
-    spans[(np.diff(runs) != 0) | (at[1:] < table.start)] = 0
-    own = feedback >= table.start
-    numbers = {
-        "sum on_ns": int(spans[held[:-1]].sum()),
-        "sum ns": int(spans.sum()),
-        "sum on": int(is_on[own].sum()),
-        "sum frames": int(own.sum()),
-        "sum own": int((rows.nums[feedback[own]] == motor).sum()),
-    }
-    return Counted({"rows": _numbers(numbers)}, feedback[own & ~is_on])
+def _online_bits(table: Table, matches: Bools, rule: Rule) -> Counted:
+    rows, motor = table.rows, int(rule.argument)
+    at = table.counted[FEEDBACK[rows.kinds[table.counted]]]
+    is_on = values_at(rows, NAME_OF_ROLE[Role.ONLINE], at) & rule.bit != 0
+    own = int((rows.nums[at] == motor).sum())
+    numbers = {"sum on": int(is_on.sum()), "sum frames": len(at), "sum own": own}
+    return Counted({"rows": _numbers(numbers)}, at[~is_on])
 
 
 def _online(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
-    """The share of time in which a motor was online."""
-    found = counts["rows"].row(0, named=True)
-    if not found["sum own"]:
-        return Measured(None)
-    part, whole = ("sum on_ns", "sum ns") if found["sum ns"] > 0 else ("sum on", "sum frames")
-    return Measured(found[part] / found[whole])
+    """The share of the feedback in which a motor is online; None without feedback of it."""
+    on, frames, own = counts["rows"].row(0)
+    return Measured(on / frames if own else None)
 
 
 def _events(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -398,7 +377,7 @@ class Measure(NamedTuple):
     """What it needs to have a value: `a row`."""
     unit: str = ""
     argument: str = ""
-    """The pattern of the first argument; empty if it takes only a filter."""
+    """The pattern of `argument` and `filter`."""
     like: str = ""
     """The form of a filter for rows like those that show a violation, with the rule as `{0}`."""
     needs_all: bool = True
@@ -406,53 +385,61 @@ class Measure(NamedTuple):
 
 
 def _any(words: Iterable[object]) -> str:
-    return "|".join(map(str, words))
+    return rf"(?P<argument>{'|'.join(map(str, words))})"
 
 
 _ROW: Final = "a row"
-_CAUSE: Final = rf"(?:{_any(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?|"
-_CHANGE: Final = rf"(?:{_any(compare.MEASURES)})|"
+_FILTER: Final = r"(?P<filter>.*\S.*)"
+_MORE: Final = r"\s*(?:,(?P<filter>.*))?"
+_CAUSE: Final = rf"(?:{'|'.join(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?"
 _FIELD: Final = "a matching row with the field"
 _OTHER: Final = "NOT {0.argument} {0.operator} {0.number:.15g}"
 
 _OF_ROWS: Final = {
-    "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows"),
-    "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW),
-    "rate": Measure(_matching, _rate, "rate(feedback) >= 30", "two different times", "1/s"),
+    "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows", _FILTER),
+    "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW, "", _FILTER),
+    "rate": Measure(
+        _matching, _rate, "rate(feedback) >= 30", "two different times", "1/s", _FILTER
+    ),
     **{
-        name: Measure(_values, _value, f"{name}(rpm) <= 300", _FIELD, "", _any(FIELDS), like)
+        name: Measure(
+            _values, _value, f"{name}(rpm) <= 300", _FIELD, "", _any(FIELDS) + _MORE, like
+        )
         for name, like in {"min": _OTHER, "max": _OTHER, "mean": ""}.items()
     },
-    "duration": Measure(
-        *(_nothing, _duration, "duration() >= 60", "two rows with times", "s", "(?=$)")
-    ),
+    "duration": Measure(*(_nothing, _duration, "duration() >= 60", "two rows with times", "s")),
 }
 """Measures that rows which a filter hid do not change."""
 
 MEASURES: Final[Mapping[str, Measure]] = {
     **{name: one._replace(needs_all=False) for name, one in _OF_ROWS.items()},
     "max_gap": Measure(
-        *(_gaps, _max_gap, "max_gap(motor = 1) < 0.5", "two matching rows with times", "s")
+        *(_gaps, _max_gap, "max_gap(motor = 1) < 0.5", "two matching rows with times"),
+        *("s", _FILTER),
     ),
     "delay": Measure(
         *(_delays, _delay, "delay(p95) < 20", "an answered command with times"),
-        *("ms", _any(_PERCENTILES), "NOT answer_ms {0.operator} {0.number:.15g}"),
+        *("ms", _any(_PERCENTILES) + _MORE, "NOT answer_ms {0.operator} {0.number:.15g}"),
     ),
     "unanswered": Measure(
         *(_states, _unanswered, "unanswered() == 0", "feedback before the commands"),
-        *("commands", "", "unanswered"),
+        *("commands", "(?P<filter>.*)", "unanswered"),
     ),
     "online": Measure(
-        *(_online_times, _online, "online(1) >= 0.99", "feedback of the motor"),
-        *("", _any(MOTORS), str(Direction.FEEDBACK)),
+        *(_online_bits, _online, "online(1) >= 0.99", "feedback of the motor"),
+        *("", _any(MOTORS), f"{NAME_OF_ROLE[Role.ONLINE]} & {{0.bit}} = 0"),
     ),
     "findings": Measure(
         *(_events, _findings, "findings(unanswered, 3) == 0"),
-        *("rows with times that show the cause", "findings", _CAUSE),
+        *("rows with times that show the cause", "findings", _any([_CAUSE, ""])),
     ),
     "changed": Measure(
         *(_compared, _changed, "changed(delay) == 0"),
-        *("--baseline, and rows on both sides that can be compared", "changes", _CHANGE),
+        *(
+            "--baseline, and rows on both sides that can be compared",
+            "changes",
+            _any([*compare.MEASURES, ""]),
+        ),
     ),
 }
 """The measures of the language."""
@@ -478,18 +465,14 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
     if measure not in MEASURES:
         fix = nearest(measure, MEASURES)
         raise InputTextError(f"{quoted(measure)} is not a measure; {fix}")
-    kind, argument, filter_text = MEASURES[measure], "", inner.strip()
-    if kind.argument:
-        parts = re.fullmatch(rf"\s*({kind.argument})\s*(?:,(.*))?", inner, re.DOTALL)
-        takes_filter = measure in ("delay", "min", "max", "mean")
-        if parts is None or (parts[2] is not None and not takes_filter):
-            raise InputTextError(f"{quoted(inner)} does not fit {measure}; write {kind.example}")
-        argument, filter_text = re.sub(r"\s", "", parts[1]), (parts[2] or "").strip()
-    elif not filter_text and measure != "unanswered":
-        raise InputTextError(f"{measure} needs a filter; write {kind.example}")
+    kind = MEASURES[measure]
+    parts = re.fullmatch(rf"\s*{kind.argument}\s*", inner, re.DOTALL)
     value = float(int(number, 0)) if "x" in number.lower() else float(number)
-    if not math.isfinite(value):
-        raise InputTextError(f"{quoted(number)} is too large; write {kind.example}")
+    if parts is None or not math.isfinite(value):
+        wrong = inner if parts is None else number
+        raise InputTextError(f"{quoted(wrong)} does not fit {measure}; write {kind.example}")
+    argument, filter_text = (parts.groupdict("").get(one, "") for one in ("argument", "filter"))
+    argument, filter_text = re.sub(r"\s", "", argument), filter_text.strip()
     if filter_text:
         RowFilter.parse(filter_text)
     return Rule(
@@ -583,14 +566,14 @@ def verdicts(total: Part, rules: Sequence[Rule], baseline: Counts | None = None)
     return [_verdict(rule, part, context) for rule, part in zip(rules, parts, strict=True)]
 
 
-def _verdict(rule: Rule, part: RulePart, context: RuleContext) -> Verdict:
-    kind, extent = MEASURES[rule.measure], context.extent
+def _verdict(rule: Rule, part: tuple[Counts, Shown], context: RuleContext) -> Verdict:
+    kind, extent, (counts, shown) = MEASURES[rule.measure], context.extent, part
     if not extent["sum rows"]:
         return Verdict(rule, None, RuleResult.NOT_COVERED, needs=_ROW)
     if context.hidden and kind.needs_all:
         needs = f"all rows; {context.hidden}"
         return Verdict(rule, None, RuleResult.NOT_COVERED, needs=needs)
-    value, finding, text = kind.value(part.counts, rule, context)
+    value, finding, text = kind.value(counts, rule, context)
     if value is None or math.isnan(value):
         # Rows in no time have no rate: the rule fails with every comparison.
         result = RuleResult.NOT_COVERED if value is None else RuleResult.FAIL
@@ -598,19 +581,19 @@ def _verdict(rule: Rule, part: RulePart, context: RuleContext) -> Verdict:
         return Verdict(rule, None, result, needs=kind.needs + untimed)
     if not rule.violated_by(value).any():
         return Verdict(rule, value, RuleResult.PASS)
-    row = part.rows[0] if len(part.rows) else None
-    shown = _filter_of(rule, row)
-    return Verdict(rule, value, RuleResult.FAIL, row, part.file, "", shown, finding, text)
+    row, file = shown or (None, "")
+    like = _filter_of(rule, row)
+    return Verdict(rule, value, RuleResult.FAIL, row, file, "", like, finding, text)
 
 
 def _filter_of(rule: Rule, row: Row | None) -> str:
     """The filter for rows as the one that violates a rule."""
-    if rule.measure == "max_gap":  # all rows around the gap
-        return ""
     found, like = rule.filter_text, MEASURES[rule.measure].like.format(rule)
     motor = row and row.values.get(MOTOR)
-    if like:
+    if rule.measure == "max_gap":  # all rows around the gap, of the motor that the rule names
+        found = found if MOTOR in RowFilter.parse(found).names else ""
+    elif like:
         found = both(found, like)
-    if found and motor is not None:
+    if found and motor is not None and rule.measure not in ("max_gap", "online"):
         found = both(found, f"{MOTOR} = {motor}")
     return both(found, f"offset = {row.offset}") if row and row.t_ns is None else found

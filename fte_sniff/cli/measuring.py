@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from datetime import tzinfo
 from functools import partial
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.segments import Analysis, Part
-    from fte_sniff.analysis.table import Table
     from fte_sniff.session.inputs import InputReading, ReadingCounts
     from fte_sniff.session.measured import Measurement
 
@@ -43,14 +42,8 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
-def measure(
-    query: InputQuery,
-    analysis: Analysis[Part],
-    also: Callable[[Table], None] | None = None,
-) -> tuple[Part, InputReading]:
+def measure(query: InputQuery, analysis: Analysis[Part]) -> tuple[Part, InputReading]:
     """Count all rows of the files, here, in worker processes, or on a cluster.
-
-    `also` receives each table; only without `--jobs`.
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
@@ -67,7 +60,6 @@ def measure(
     measurement, wanted = Measurement(analysis), query.row_filter()
     with progress_line(shown=not is_typed(query.files)) as progress:
         reading = query.read(None, progress=progress)
-        measurement.also = also or measurement.also
         jobs = min(query.jobs or 1, len(reading.groups))
         if jobs == 1 and query.cluster is None:
             measurement.read(reading, wanted, query.baud)

@@ -32,25 +32,22 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     if output.suffix.lower() not in _SUFFIXES:
         raise UsageError(f"{output}: a report is HTML; name it {output.with_suffix('.html')}")
     try:
-        from fte_sniff.cli.report_page import Bins, page, title_of
+        from fte_sniff.cli.report_page import counted, page, title_of
     except ModuleNotFoundError as error:
         raise UsageError(
             f"report needs {error.name}, which is not installed; install it with"
             f" `{install_command('report')}`"
         ) from error
     from fte_sniff.analysis.findings import find
-    from fte_sniff.analysis.table import EMPTY
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import _, set_language
-    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
+    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS, together
     from fte_sniff.session.stats_json import statistics_json
 
     set_language(load_settings().language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
-    bins = Bins()
-    bins.observe(EMPTY)
-    counts, reading = measure(query, STATISTICS_AND_FINDINGS, bins.observe)
+    counts, reading = measure(query, together(STATISTICS_AND_FINDINGS.count, counted))
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
     findings = find(counts).found if query.filter_text is None else []
@@ -61,7 +58,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         "notes": "\n".join(map(printable, reading.notes)),
     }
     shown = {heading: text for heading, text in texts.items() if text}
-    text = page(title_of([one.name for one in reading.inputs]), shown, bins)
+    text = page(title_of([one.name for one in reading.inputs]), shown, counts)
     try:
         replace_file(output, text.encode())
     except OSError as error:

@@ -1,6 +1,6 @@
 """The page of a report: the texts of `findings` and `stats`, and plots by Bokeh, in one HTML file.
 
-    rows ──► Bins: least and greatest of each value in each of 2,000 bins of time ──► curves, bands
+    rows ──► least and greatest of each value in at most 2,000 windows of time ──► curves, bands
 
 So the page is small however long the recording is, and a spike of one row is seen; `view` shows the
 rows. Colours are legible on light and dark backgrounds, of which the browser chooses one.
@@ -29,6 +29,7 @@ from bokeh.plotting import figure
 from bokeh.resources import INLINE
 
 from fte_sniff.analysis.dataframe import table_frame
+from fte_sniff.analysis.segments import Counts, added
 from fte_sniff.analysis.table import Table
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
@@ -36,16 +37,14 @@ from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
 from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, VALUE_FIELDS, Role
 
-BINS: Final = 2000
-_LEAST_WIDTH_NS: Final = 1_000_000
-_MOST_ROWS: Final = 200_000
-"""Of the frames of bins, before they are joined."""
+MOST_WINDOWS: Final = 2000
+_SHORTEST: Final = 20
+"""The shortest window has 2 to this power of nanoseconds, about a millisecond."""
 
 _MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
 _QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _FLAGS: Final = tuple(field.name for field in VALUE_FIELDS if field.legal_bits is not None)
 _VALUES: Final = (*_QUANTITIES, *_FLAGS)
-_KEYS: Final = ("bin", "direction", _MOTOR)
 _COLOURS: Final = {Direction.CONTROL: "#d9822b", Direction.FEEDBACK: "#3a7bd5"}
 _FLAG, _QUIET = "#d03b3b", "#8a8f98"
 
@@ -67,61 +66,42 @@ pre { overflow-x: auto; line-height: 1.35 }
 """
 
 
-class Bins:
-    """The values and faults of rows in bins of time, whose width doubles as the time grows."""
+def counted(table: Table) -> Counts:
+    """What the plots show of a table: values and faults by window, and when gaps begin.
 
-    def __init__(self) -> None:
-        self._width_ns = _LEAST_WIDTH_NS
-        self._values, self._faults = list[pl.DataFrame](), list[pl.DataFrame]()
-        self.breaks: list[int] = []
-        """When gaps begin, nanoseconds since 1970 UTC."""
-
-    def observe(self, table: Table) -> None:
-        """Add the counted rows of a table; those without a time have no place in a plot."""
-        at = table.counted[table.rows.timed[table.counted]]
-        rows, number = table.rows.select(at), table.runs.number[at]
-        self.breaks += rows.t_ns[:-1][np.diff(number) != 0].tolist()
-        names = ["time", "direction", _MOTOR, "faults", *_VALUES]
-        frame = _in_bins(table_frame(rows, names), pl.col("time").cast(pl.Int64), self._width_ns)
-        self._values.append(_extremes(frame, {name: (name, name) for name in _VALUES}))
-        faults = frame.select("bin", "faults").explode("faults").drop_nulls("faults")
-        self._faults.append(faults.group_by("bin", "faults").len("rows"))
-        if sum(map(len, self._values)) > _MOST_ROWS:
-            self._values, self._faults = [self.values()], [self.faults()]
-
-    def values(self) -> pl.DataFrame:
-        """By bin, direction and motor: the least and the greatest of each value, as `rpm_low`."""
-        found = self._final(self._values)
-        return _extremes(found, {name: (f"{name}_low", f"{name}_high") for name in _VALUES})
-
-    def faults(self) -> pl.DataFrame:
-        """By bin and fault, the number of rows."""
-        found = self._final(self._faults)
-        return found.group_by("bin", "faults").agg(pl.col("rows").sum()).sort("bin")
-
-    def _final(self, frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
-        """The frames in at most `BINS` bins."""
-        frame = pl.concat(frames)
-        first, last = frame.select(pl.col("bin").min(), pl.col("bin").max().alias("last")).row(0)
-        while first is not None and last - first > BINS * self._width_ns:
-            self._width_ns *= 2
-        return _in_bins(frame, pl.col("bin"), self._width_ns)
+    Rows without a time have no place in a plot.
+    """
+    at = table.counted[table.rows.timed[table.counted]]
+    rows, number = table.rows.select(at), table.runs.number[at]
+    frame = table_frame(rows, ["direction", _MOTOR, "faults", *_VALUES]).with_columns(
+        window=pl.Series(rows.t_ns >> _SHORTEST << _SHORTEST)
+    )
+    faults = frame.select("window", fault="faults").explode("fault").drop_nulls()
+    breaks = rows.t_ns[:-1][np.diff(number) != 0]
+    return {
+        "plot values": frame.group_by("window", "direction", _MOTOR).agg(
+            *(pl.col(name).min().alias(f"least {name}") for name in _VALUES),
+            *(pl.col(name).max().alias(f"greatest {name}") for name in _VALUES),
+        ),
+        "plot faults": faults.group_by("window", "fault").agg(
+            pl.len().cast(pl.Int64).alias("sum rows")
+        ),
+        "plot breaks": pl.DataFrame({"break": breaks}, {"break": pl.Int64}),
+    }
 
 
-def _in_bins(frame: pl.DataFrame, t_ns: pl.Expr, width_ns: int) -> pl.DataFrame:
-    return frame.with_columns(bin=t_ns // width_ns * width_ns)
+def in_few(frame: pl.DataFrame) -> pl.DataFrame:
+    """Counts by window in at most `MOST_WINDOWS` of them, by time."""
+    t_ns = frame["window"].to_numpy()
+    bits = int(np.ptp(t_ns) // MOST_WINDOWS).bit_length() if len(t_ns) else 0
+    longer = frame.with_columns(pl.col("window") // (1 << bits) * (1 << bits))
+    return added([longer]).sort("window")
 
 
-def _extremes(frame: pl.DataFrame, sources: Mapping[str, tuple[str, str]]) -> pl.DataFrame:
-    lows = [pl.col(low).min().alias(f"{name}_low") for name, (low, _high) in sources.items()]
-    highs = [pl.col(high).max().alias(f"{name}_high") for name, (_low, high) in sources.items()]
-    return frame.group_by(_KEYS).agg(*lows, *highs).sort("bin")
-
-
-def page(title: str, texts: Mapping[str, str], bins: Bins) -> str:
+def page(title: str, texts: Mapping[str, str], counts: Counts) -> str:
     """The HTML of the report; `texts` are what is shown above the plots, by heading."""
     return file_html(
-        column(*_plots(bins), Spacer(), sizing_mode="stretch_width"),
+        column(*_plots(counts), Spacer(), sizing_mode="stretch_width"),
         INLINE,
         title,
         template=_TEMPLATE,
@@ -132,20 +112,19 @@ def page(title: str, texts: Mapping[str, str], bins: Bins) -> str:
     )
 
 
-def _plots(bins: Bins) -> Iterator[Any]:
-    values = bins.values()
+def _plots(counts: Counts) -> Iterator[Any]:
+    values, faults = in_few(counts["plot values"]), in_few(counts["plot faults"])
     if not len(values):
         return
-    first, last = values["bin"].to_list()[0] / 1e6, values["bin"].to_list()[-1] / 1e6
-    shared = Range1d(first, last)
-    faults = bins.faults()
+    shared = Range1d(*(values["window"].to_numpy()[[0, -1]] / 1e6).tolist())
+    breaks = (counts["plot breaks"]["break"] / 1e6).to_list()
     if len(faults):
         yield _fault_plot(faults, shared)
     for motor in (*MOTORS, None):
         own = values.filter(pl.col(_MOTOR).eq_missing(motor))
         for name in _QUANTITIES:
-            if own[f"{name}_low"].count():
-                yield _value_plot(own, motor, name, shared, bins.breaks)
+            if own[f"least {name}"].count():
+                yield _value_plot(own, motor, name, shared, breaks)
 
 
 def _figure(title: str, height: int, shared: Range1d, **options: Any) -> Any:
@@ -171,13 +150,13 @@ def _figure(title: str, height: int, shared: Range1d, **options: Any) -> Any:
 
 
 def _fault_plot(faults: pl.DataFrame, shared: Range1d) -> Any:
-    words = [str(fault) for fault in Fault if str(fault) in faults["faults"]]
+    words = [str(fault) for fault in Fault if str(fault) in faults["fault"]]
     made = _figure(_("Faults"), 90 + 24 * len(words), shared, y_range=words[::-1])
     data = {
-        "x": (faults["bin"] / 1e6).to_list(),
-        "y": faults["faults"].to_list(),
-        "rows": faults["rows"].to_list(),
-        "colour": [LOOKS[status_of((Fault(word),))].plot for word in faults["faults"]],
+        "x": (faults["window"] / 1e6).to_list(),
+        "y": faults["fault"].to_list(),
+        "rows": faults["sum rows"].to_list(),
+        "colour": [LOOKS[status_of((Fault(word),))].plot for word in faults["fault"]],
     }
     made.scatter("x", "y", size=8, marker="square", color="colour", source=data)
     shown = [(_("rows"), "@rows{0,0}"), (_("time"), "@x{%H:%M:%S}")]
@@ -186,27 +165,27 @@ def _fault_plot(faults: pl.DataFrame, shared: Range1d) -> Any:
 
 
 def _value_plot(
-    own: pl.DataFrame, motor: int | None, name: str, shared: Range1d, breaks: Sequence[int]
+    own: pl.DataFrame, motor: int | None, name: str, shared: Range1d, breaks: Sequence[float]
 ) -> Any:
     """The target and the present value of a motor, or of the chassis, over time."""
     subject = _("Chassis commands") if motor is None else _("motor {motor}", motor=motor)
     made = _figure(f"{subject}: {name} [{FIELD_BY_NAME[name].unit}]", 230, shared)
     for direction, colour in _COLOURS.items():
-        part = own.filter(pl.col("direction") == str(direction)).drop_nulls(f"{name}_low")
-        x = (part["bin"] / 1e6).to_list()
-        low, high = part[f"{name}_low"].to_list(), part[f"{name}_high"].to_list()
+        part = own.filter(pl.col("direction") == str(direction)).drop_nulls(f"least {name}")
+        x = (part["window"] / 1e6).to_list()
+        low, high = part[f"least {name}"].to_list(), part[f"greatest {name}"].to_list()
         if x:
             made.varea(x, low, high, color=colour, alpha=0.35)
             made.step(x, high, mode="after", color=colour, legend_label=str(direction))
-    top = own[f"{name}_high"].max()
+    top = own[f"greatest {name}"].max()
     for flag in _FLAGS:
         usual = FIELD_BY_NAME[flag].default
-        wrong = own.filter((pl.col(f"{flag}_low") != usual) | (pl.col(f"{flag}_high") != usual))
-        if len(wrong):
-            x = (wrong["bin"] / 1e6).to_list()
+        ends = (pl.col(f"{end} {flag}") != usual for end in ("least", "greatest"))
+        if len(wrong := own.filter(pl.any_horizontal(ends))):
+            x = (wrong["window"] / 1e6).to_list()
             made.scatter(x, top, marker="inverted_triangle", color=_FLAG, legend_label=flag)
     if breaks:
-        made.vspan(x=[t_ns / 1e6 for t_ns in breaks], color=_QUIET, line_dash="dashed")
+        made.vspan(x=breaks, color=_QUIET, line_dash="dashed")
     made.legend.background_fill_alpha = 0
     made.legend.label_text_color, made.legend.click_policy = _QUIET, "hide"
     return made

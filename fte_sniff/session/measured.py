@@ -23,11 +23,16 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
 
 
-def _count_both(table: Table) -> Counts:
-    return {**events.counted(table), **statistics.counted(table)}
+def _counts_of_all(counts: Sequence[Callable[[Table], Counts]], table: Table) -> Counts:
+    return {name: one for count in counts for name, one in count(table).items()}
 
 
-STATISTICS_AND_FINDINGS: Final = Analysis(_count_both, summed)
+def together(*counts: Callable[[Table], Counts]) -> Analysis[Counts]:
+    """The analysis that counts what several functions count."""
+    return Analysis(partial(_counts_of_all, counts), summed)
+
+
+STATISTICS_AND_FINDINGS: Final = together(events.counted, statistics.counted)
 """What `statistics` and `find` need, counted together."""
 
 
@@ -40,8 +45,6 @@ class Measurement(Generic[Part]):
 
     def __init__(self, analysis: Analysis[Part]) -> None:
         self.analysis = analysis
-        self.also: Callable[[Table], None] = lambda _table: None
-        """Receives each table that is read here."""
         self._parts = [analysis.count(EMPTY)]
 
     @property
@@ -69,13 +72,9 @@ class Measurement(Generic[Part]):
             reading.on_input = cutter.begin
             for item in items:
                 for table in cutter.push(item):
-                    self._count(table)
+                    self.add(self.analysis.count(table))
             for table in cutter.finish():
-                self._count(table)
-
-    def _count(self, table: Table) -> None:
-        self.also(table)
-        self.add(self.analysis.count(table))
+                self.add(self.analysis.count(table))
 
     def add(self, part: Part) -> None:
         """Add what was counted elsewhere."""
