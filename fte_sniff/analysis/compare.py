@@ -108,6 +108,13 @@ _SHARES: Final[Mapping[str, str]] = {
 }
 """The measures of shares."""
 
+_FEW_PERIODS: Final = later(
+    "periods of {kinds}: too few rows; each side needs {least} of each, over {seconds} s"
+)
+_FEW_ANSWERS: Final = later(
+    "answers to {kinds}: too few; each side needs {least} of each, over {seconds} s"
+)
+
 MEASURES: Final = (*_TIMES, *_SHARES, "values", "findings")
 """What is compared."""
 
@@ -293,14 +300,14 @@ def _is_enough(sides: Sequence[_Histogram]) -> bool:
 def _times(
     sides: Sequence[_Histogram], measures: Iterable[str], what: str, of: _Of
 ) -> Iterator[Number]:
-    """The numbers of durations; where the first one changed, the others follow from it."""
-    follows = False
+    """The numbers of durations; a rate that changed with its period is not named again."""
+    changed = set[str]()
     for measure in measures:
         time = _TIMES[measure]
         (before, first), (after, second) = (side.each(time.share) for side in sides)
         spread = max(max(one) - min(one) for one in (first, second))
         least = max(spread, time.least_ns, time.least_ratio * min(before, after))
-        is_other = abs(after - before) > least and not follows
+        is_other = abs(after - before) > least and (measure != "rate" or "period" not in changed)
         ratio = (after + time.least_ns) / (before + time.least_ns)
         score = abs(log2(ratio)) if is_other else 0.0
         values, shown = (before / 1e9, after / 1e9), (before / 1e6, after / 1e6)
@@ -308,7 +315,12 @@ def _times(
             values = shown = 1e9 / before, 1e9 / after
         texts = {"before": f"{shown[0]:.3g}", "after": f"{shown[1]:.3g}"}
         yield Number(measure, *of, *values, TranslatableText(time.form, what=what, **texts), score)
-        follows = follows or (measure in ("period", "delay") and is_other)
+        changed |= {measure} if is_other else set()
+
+
+def _too_few(form: str, kinds: Iterable[str]) -> TranslatableText:
+    seconds = round(PARTS * 2**PERIODS / 1e9)
+    return TranslatableText(form, kinds=listed(kinds), least=PARTS * LEAST_VALUES, seconds=seconds)
 
 
 def _whose(kind: int, motor: int | None) -> str:
@@ -339,7 +351,7 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
             ]
             yield _share("silence", pairs, what, of)
     if few:
-        missing.append(TranslatableText("periods of {kinds}: too few rows", kinds=listed(few)))
+        missing.append(_too_few(_FEW_PERIODS, few))
 
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
@@ -366,7 +378,7 @@ def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
             elif all(asked) and all(len(one.whole) for one in delays):
                 few.append(_whose(code, motor))
     if few:
-        missing.append(TranslatableText("answers to {kinds}: too few", kinds=listed(few)))
+        missing.append(_too_few(_FEW_ANSWERS, few))
 
 
 def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:

@@ -10,11 +10,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
 from decimal import Decimal
 from difflib import get_close_matches
-from typing import Final
+from typing import Final, TypeVar
 
 from fte_sniff.errors import InputTextError, quoted
 
@@ -24,13 +25,8 @@ DAY_NS: Final = 86_400 * SECOND_NS
 _YEARS: Final = range(1970, 2263)
 """Of times that 64 bits hold, nanoseconds since 1970."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_ISO: Final = re.compile(
-    r"([0-9]{4}-[0-9]{2}-[0-9]{2})"
-    r"(?:[T ]([0-9]{2}:[0-9]{2}(?::[0-9]{2})?)(?:\.([0-9]{1,9}))?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?)?"
-)
-_CLOCK: Final = re.compile(
-    r"([0-9]{1,2}:[0-9]{2})(?:(:[0-9]{2})(?:\.([0-9]{1,9}))?)?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?"
-)
+_TIME: Final = re.compile(r"([0-9-]*[T ]?[0-9:]*)(?:\.([0-9]{1,9}))?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?")
+"""Date and time, the fraction of a second, and the zone."""
 _ZONE: Final = r"([+-])([01]?[0-9]|2[0-3])(?::?([0-5][0-9]))?"
 _UNITS: Final = {
     "ms": SECOND_NS // 1000,
@@ -79,28 +75,33 @@ def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
 
     A fraction of a second has up to nine digits; `zone` is the default zone.
     """
-    match = _ISO.fullmatch(text.strip())
-    if match is None:
-        return None
-    day, clock, fraction, own_zone = match.groups()
     try:
-        moment = datetime.fromisoformat(f"{day}T{clock or '00:00'}{own_zone or ''}")
+        second, fraction_ns = _parsed(text, datetime.fromisoformat)
     except ValueError:
         return None
-    return _ns_of(moment if own_zone else moment.replace(tzinfo=zone)) + _fraction_ns(fraction)
+    return _ns_of(second if second.tzinfo else second.replace(tzinfo=zone)) + fraction_ns
 
 
 def clock_time(text: str) -> ClockTime | None:
     """A time of day; None if the text is not one."""
-    match = _CLOCK.fullmatch(text.strip())
-    if match is None:
-        return None
-    minutes, seconds, fraction, zone = match.groups()
+    clock = text.strip()
+    clock = f"0{clock}" if clock[1:2] == ":" else clock
     try:
-        found = time.fromisoformat(f"{minutes:0>5}{seconds or ''}{zone or ''}")
+        return ClockTime(*_parsed(clock, time.fromisoformat)) if ":" in clock else None
     except ValueError:
         return None
-    return ClockTime(found, _fraction_ns(fraction))
+
+
+_Moment = TypeVar("_Moment", datetime, time)
+
+
+def _parsed(text: str, parse: Callable[[str], _Moment]) -> tuple[_Moment, int]:
+    """The second, and the nanoseconds after it; raises ValueError for another text."""
+    match = _TIME.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(text)
+    second, fraction, zone = match.groups("")
+    return parse(second + zone), int(fraction.ljust(9, "0"))
 
 
 def duration_ns(text: str) -> int | None:
@@ -179,7 +180,3 @@ def _date_of(t_ns: int, zone: tzinfo) -> date:
 
 def _ns_of(moment: datetime) -> int:
     return (moment - _EPOCH) // timedelta(seconds=1) * SECOND_NS
-
-
-def _fraction_ns(digits: str | None) -> int:
-    return int((digits or "0").ljust(9, "0"))

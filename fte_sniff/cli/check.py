@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 
 import click
 
+from fte_sniff.analysis.table import MOTOR
 from fte_sniff.cli.input_files import STDIN, FileName, InputQuery, input_options
 from fte_sniff.cli.measuring import finish, headline, measure, print_json, print_lines, table_lines
 from fte_sniff.cli.options import format_option, grouped_command
@@ -21,7 +22,7 @@ from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import Status, iso_time, spaced_hex
-from fte_sniff.session.stats_json import MOTOR, finding_json
+from fte_sniff.session.stats_json import finding_json
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -173,7 +174,10 @@ def _view_command(verdict: Verdict, query: InputQuery) -> str:
         return ""
     path = Path(verdict.file)
     own = replace(query, files=(path,)) if verdict.file and path.exists() else query
-    return own.view_command(None if row.t_ns is None else (row.t_ns, row.t_ns), verdict.filter)
+    if row.t_ns is None:
+        return own.view_command(None, verdict.filter)
+    seconds = verdict.value or 0 if verdict.rule.measure == "max_gap" else 0
+    return own.view_command((row.t_ns, row.t_ns + round(seconds * 1e9)), verdict.filter)
 
 
 def _object(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import click
 from rich.text import Text
 
+from fte_sniff.analysis.table import MOTOR
 from fte_sniff.cli.input_files import InputQuery, gap_text, input_options
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
@@ -26,8 +27,7 @@ from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, spa
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import VALUE_FIELDS, Status, iso_time
 from fte_sniff.protocol.columns import iso_time_ns
-from fte_sniff.protocol.spec import online_bit_text
-from fte_sniff.session.stats_json import MOTOR, Json, statistics_json
+from fte_sniff.session.stats_json import Json, statistics_json
 
 if TYPE_CHECKING:
     from fte_sniff.session.inputs import InputReading
@@ -98,8 +98,10 @@ def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
             own = [one for one in own if one["values"] or not has_times]
             yield from _table(_values(own), own, when)
     if any(one["commands"] or one["feedback"] for one in numbers["motors"]):
-        yield from _table(_MOTORS, numbers["motors"], when)
-        yield from _motor_notes(numbers, when)
+        bad = [one["error_bits"] or one["offline"]["frames"] for one in numbers["motors"]]
+        styles = [LOOKS[Status.MALFORMED].style if one else "" for one in bad]
+        yield from _table(_MOTORS, numbers["motors"], when, styles)
+        yield from _motor_notes(numbers)
 
 
 def _table(
@@ -118,8 +120,8 @@ def _in_zone(time: str, zone: tzinfo) -> str:
 
 def _clock(numbers: Json, zone: tzinfo) -> When:
     """Times of day in a zone, with the day before them where there is more than one."""
-    ends = (numbers["first_time"], numbers["last_time"])
-    days = {_in_zone(time, zone)[: len("2026-01-31")] for time in ends if time is not None}
+    ends = filter(None, map(numbers.get, _ENDS))
+    days = {_in_zone(time, zone)[: len("2026-01-31")] for time in ends}
     shown = slice(len("2026-" if len(days) > 1 else "2026-01-31T"), len("2026-01-31T12:00:00.000"))
 
     def text(time: str | None) -> str:
@@ -194,13 +196,10 @@ def _event(event: Json, when: When) -> str:
     words = f"{event['event'].replace('_', ' ')} {event['count']:,}"
     if event["total"] is not None:
         words += f" ({event['total']:,} in all)"
-    return f"{words}, {_from_to(event, when)}"
+    return f"{words}, {' to '.join(dict.fromkeys(when(event[at]) for at in _ENDS))}"
 
 
-def _from_to(one: Json, when: When) -> str:
-    """`12:00:01.000 to 12:00:09.000`; one time if both are the same."""
-    first, last = one["first_time"], one["last_time"]
-    return when(first) if first == last else f"{when(first)} to {when(last)}"
+_ENDS: Final = ("first_time", "last_time")
 
 
 def _count(name: str) -> tuple[str, Callable[[Json, When], str]]:
@@ -242,6 +241,8 @@ _MOTORS: Final[Columns] = (
     ("delay", lambda one, _: _span(one["delay"]["p50_s"])),
     ("99 %", lambda one, _: _span(one["delay"]["p99_s"])),
     ("longest", lambda one, _: _span(one["delay"]["longest_s"])),
+    ("ERROR bits", lambda one, _: " ".join(str(bit["bit"]) for bit in one["error_bits"]) or "–"),
+    ("offline", lambda one, _: f"{one['offline']['frames']:,}"),
 )
 
 
@@ -256,7 +257,7 @@ def _values(streams: Sequence[Json]) -> Columns:
     return (*_STREAM, *((name, text(name)) for name in names))
 
 
-def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
+def _motor_notes(numbers: Json) -> Iterator[Text]:
     """Notes below the table of motors."""
     motors = numbers["motors"]
     if numbers["selections"]:
@@ -265,27 +266,8 @@ def _motor_notes(numbers: Json, when: When) -> Iterator[Text]:
         yield Text("the inputs overlap in time: answers cannot be matched to commands")
     elif any(one["neither"] for one in motors):
         yield Text("unknown: resets; commands before the first feedback, or open where rows end")
-    look, warnings = LOOKS[Status.MALFORMED], [text for one in motors for text in _flags(one, when)]
-    yield from (Text(f"{look.mark} {words}", look.style) for words in warnings)
-    if not warnings and any(one["feedback"] for one in motors):
-        yield Text("no ERROR bit was ever set, and every motor was always ONLINE")
-
-
-def _flags(motor: Json, when: When) -> Iterator[str]:
-    """A line for each flag that was raised."""
-    for one in motor["error_bits"]:
-        yield f"{MOTOR} {motor[MOTOR]}: ERROR bit {one['bit']} set in {_frames(one, when)}"
-    if (offline := motor["offline"])["frames"]:
-        text = f"{online_bit_text(motor[MOTOR])} was 0 in {_frames(offline, when)}"
-        if (lost := offline["times_lost"]) is not None:
-            text += f"; lost {'once' if lost == 1 else f'{lost:,} times'}"
-        yield text
-
-
-def _frames(seen: Json, when: When) -> str:
-    """`12 frames, 12:00:01.000 to 12:00:09.000`."""
-    frames = "1 frame" if seen["frames"] == 1 else f"{seen['frames']:,} frames"
-    return frames if seen["first_time"] is None else f"{frames}, {_from_to(seen, when)}"
+    if any(one["offline"]["frames"] for one in motors):
+        yield Text("offline: frames in which the bit of ONLINE that is taken as the motor's is 0")
 
 
 def _line(label: str, text: str | Text) -> Text:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from fte_sniff.analysis.compare import Comparison, Number
 from fte_sniff.analysis.findings import Cause, Finding, Report
 from fte_sniff.analysis.statistics import statistics
+from fte_sniff.analysis.table import MOTOR
 from fte_sniff.protocol import DEFAULT_BAUD, iso_time
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.segments import Counts
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 
 VERSION = 1
-
-MOTOR = NAME_OF_ROLE[Role.MOTOR]
-"""The key of a motor's number."""
 
 Json = dict[str, Any]
 
@@ -39,10 +36,9 @@ def statistics_json(
         "notes": reading.notes,
         "left_out": [
             {
-                "rows": gap.rows,
+                **_fields(gap, "rows", "reason"),
                 "first_time": _time(gap.start_ns),
                 "last_time": _time(gap.end_ns),
-                "reason": gap.reason,
             }
             for gap in reading.reported_gaps
         ],
@@ -59,11 +55,11 @@ def _time(t_ns: int | None) -> str | None:
 
 def findings_json(report: Report) -> Json:
     """The findings as an object; what could not be examined is in it, with the reason."""
-    missing, extent = report.not_covered, report.extent
+    missing = report.not_covered
     return {
         "findings": [finding_json(one) for one in report.found],
         "examined": {
-            **_extent_json(extent),
+            **_extent_json(report.extent),
             "causes": [str(cause) for cause in Cause if cause not in missing],
             "events": {str(cause): count for cause, count in report.counts.items()},
             "not_covered": [{"cause": cause, "reason": why} for cause, why in missing.items()],
@@ -82,18 +78,15 @@ def _extent_json(extent: Mapping[str, Any]) -> Json:
 def finding_json(one: Finding) -> Json:
     """One finding as an object."""
     return {
-        "cause": str(one.cause),
-        "port": one.port,
-        MOTOR: one.motor,
-        "kind": one.kind,
+        **_fields(one, "cause", "port", MOTOR, "kind"),
         "first": iso_time(one.first_ns),
         "last": iso_time(one.last_ns),
-        "events": one.events,
-        "rows": one.rows,
-        "usual": one.usual,
-        "text": one.text,
-        "filter": one.filter,
+        **_fields(one, "events", "rows", "usual", "text", "filter"),
     }
+
+
+def _fields(one: object, *names: str) -> Json:
+    return {name: getattr(one, name) for name in names}
 
 
 def comparison_json(found: Comparison, before: Counts, after: Counts) -> Json:
@@ -110,12 +103,5 @@ def comparison_json(found: Comparison, before: Counts, after: Counts) -> Json:
 
 def number_json(one: Number) -> Json:
     """A number of both sides."""
-    return {
-        "measure": one.measure,
-        "port": one.port or None,
-        MOTOR: one.motor,
-        "kind": one.kind,
-        "before": one.before,
-        "after": one.after,
-        "text": one.text,
-    }
+    values = _fields(one, "measure", MOTOR, "kind", "before", "after", "text")
+    return {**values, "port": one.port or None}

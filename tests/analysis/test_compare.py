@@ -121,6 +121,7 @@ def test_finding_that_comes_or_goes_is_named() -> None:
         (side(2).select(side(2).nums != 3), "only the first side has it"),
         (side(2).select(side(2).raw[:, 0] == 0xAA), "speed_feedback 1, speed_feedback 2"),
         (side(2)[:400], "periods of speed 1, speed 2, speed 3, speed 4, speed_feedback 1"),
+        (side(2)[:400], "too few rows; each side needs 160 of each, over 34 s"),
         (side(2).replace(t_ns=np.full(len(side(2)), -(2**63))), "the second side has no rows"),
     ],
 )
@@ -166,6 +167,11 @@ def test_anything_can_be_compared(one: list[Row | Item], other: list[Row | Item]
     found = compared(counted(table_of(one)), counted(table_of(other)))
     assert {change.measure for change in found.changes} <= {"findings"}
     assert all(number.text.isprintable() for number in found.numbers)
+
+
+def test_percentile_is_named_beside_its_median() -> None:
+    found = pair(5, lambda host: setattr(host, "slower", host.slower * 3))
+    assert {"delay", "delay_p99"} <= {one.measure for one in found.changes}
 
 
 def test_three_motors_that_change_alike_are_one_change() -> None:
