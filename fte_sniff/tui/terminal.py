@@ -81,6 +81,7 @@ class Terminal(LinuxDriver):
         self.output = TimedOutput(sys.__stdout__)
         self._file = cast(Any, self.output)
         self._hung_up = self._is_continued = False
+        self._terminate: Any = signal.getsignal(signal.SIGTERM)
 
     def start_application_mode(self) -> None:
         """Take the terminal; what is written does not wait for it."""
@@ -101,8 +102,8 @@ class Terminal(LinuxDriver):
 
         The system ignores SIGTSTP there, but not the SIGSTOP of Textual's driver.
         """
-        self.suspend_application_mode()
-        self._must_signal_resume, self._is_continued = True, False
+        self._lend()
+        self._is_continued = False
         own = signal.signal(signal.SIGTSTP, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTSTP)
         signal.signal(signal.SIGTSTP, own)
@@ -113,9 +114,19 @@ class Terminal(LinuxDriver):
         """Take the terminal back, also after a stop that did not give it to the shell."""
         self._is_continued = True
         if not self._must_signal_resume:
-            self.suspend_application_mode()
-            self._must_signal_resume = True
-        super()._sigcont_application()
+            self._lend()
+        super()._sigcont_application()  # in the background this stops again
+        signal.signal(signal.SIGTERM, self._terminate)
+
+    def _lend(self) -> None:
+        """Give the terminal to the shell; SIGTERM, as `kill` sends it, now ends at once.
+
+        A clean end would draw, and the system stops who draws without the terminal. The capture
+        closes its file when this process is gone.
+        """
+        self.suspend_application_mode()
+        self._must_signal_resume = True
+        self._terminate = signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     def hang_up(self) -> None:
         """End as a controlling terminal ends its programs when it is closed, once."""

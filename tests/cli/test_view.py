@@ -72,8 +72,8 @@ def test_view_reports_unreadable_files_before_the_screen_opens(environment, tmp_
 
 
 LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800")
-ROWS_TERMINAL = "pulses"
-"""Feedback of positions, as the table shows its values."""
+ROWS_TERMINAL = "speed_feed"
+"""A kind of rows, as a wide table shows it."""
 NORMAL_SCREEN = "\x1b[?1049l"
 SESSIONS = pytest.mark.parametrize("session", first(1, [controlling_terminal, plain_terminal]))
 
@@ -239,8 +239,8 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
             os.kill(program, signal.SIGSTOP)
             time.sleep(0.2)
         if "kill" in ends:
-            screen.type("kill %1\r")
-            screen.until("recorded to x.mcap")
+            asked(screen, "kill %1\r")
+            wait_until(lambda: holding(recording) == [])
         screen.close()
         wait_until(lambda: in_session(screen.process.pid) == [])
         assert_whole(run, recording)
