@@ -35,7 +35,7 @@ ROOT = Path(__file__).parents[1]
 
 # Libraries that saw Linux when they were imported still need what they found. Not removed: what
 # polars, platformdirs, shutil, subprocess and pyserial use on Linux (os.uname, getuid, statvfs,
-# SIGKILL, O_NOCTTY).
+# SIGKILL, O_NOCTTY, O_TMPFILE).
 WITHOUT_POSIX = """
 import asyncio, multiprocessing.connection, os, select, selectors, signal, subprocess, sys
 import tempfile, time
@@ -49,7 +49,7 @@ of_windows = "SIGABRT SIGFPE SIGILL SIGINT SIGSEGV SIGTERM SIG_DFL SIG_IGN".spli
 of_linux = "SIGKILL SIGCHLD".split()
 removed = {
     os: "fork forkpty killpg getpgrp tcgetpgrp openpty ttyname mkfifo pread pwrite fdatasync fchmod"
-    " sched_getaffinity O_CLOEXEC O_NOFOLLOW O_TMPFILE O_DIRECTORY".split(),
+    " sched_getaffinity O_CLOEXEC O_NOFOLLOW O_DIRECTORY".split(),
     select: "poll epoll".split(),
     time: "clock_gettime clock_gettime_ns CLOCK_MONOTONIC CLOCK_BOOTTIME".split(),
     signal: ["setitimer", "getitimer", "alarm", "pause", "sigwait", "pthread_sigmask"]

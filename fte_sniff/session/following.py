@@ -46,7 +46,7 @@ class Follower:
         reader: Recording,
         span: TimeRange = EVERYTHING,
         note: Note = _ignore,
-        goes_on: Callable[[], bool] = lambda: False,
+        goes_on: Callable[[], bool] | None = None,
     ) -> None:
         """Begin with a file that was opened as growing.
 
@@ -54,7 +54,7 @@ class Follower:
             reader: the file.
             span: only rows in it.
             note: called with what is wrong with a file, after its last row.
-            goes_on: whether the writer is known to run, so that a next file can come at any time.
+            goes_on: whether the writer runs, so that a next file can come; None if nobody knows.
         """
         self._span, self._note, self._goes_on = span, note, goes_on
         self._has_lock = False
@@ -139,7 +139,8 @@ class Follower:
             self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
             self._end_file()
             return True
-        if has_writer or self._has_lock or reader.limit:
+        is_over = self._goes_on is not None and not self._goes_on()
+        if has_writer or self._has_lock or reader.limit or is_over:
             return not has_writer
         return now_s >= self._changed_s + IDLE_S or reader.find_next() is not None
 
@@ -153,7 +154,9 @@ class Follower:
         # A writer with open ports may begin the next file soon, for example after a disk error.
         if self._waits_until_s is None:
             self._waits_until_s = now_s + RELEASE_S
-        if self._goes_on() or (self._open_ports and now_s < self._waits_until_s):
+        if (self._goes_on and self._goes_on()) or (
+            self._open_ports and now_s < self._waits_until_s
+        ):
             return
         self._end_file()
         self.ended = self._end()

@@ -474,7 +474,7 @@ def test_a_stopped_view_costs_no_byte_and_bounded_memory(run, environment, tmp_p
     ):
         first_output(process, far)
         wait_until(lambda: bool(holding(file)))
-        (capture,) = holding(file)
+        (capture,) = children_of(process.pid)
         process.send_signal(signal.SIGSTOP)
         before = memory_of(capture)
         for _ in range(frames // 64):

@@ -361,7 +361,7 @@ def test_a_kept_recording_outlives_its_view(run, environment, tmp_path: Path) ->
         environment, tmp_path, "live", "sim://?rate=1000", "-o", "x.mcap", *KEPT
     ) as process:
         said = stderr_until(process, "ends it then")
-        (capture,) = holding(file)
+        (capture,) = children_of(process.pid)
         assert f"`kill {capture}`" in said
         try:
             until(process, b"speed_feedback")
