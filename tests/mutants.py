@@ -2,14 +2,9 @@
 
     python -m tests.mutants [--count 100] [--seed 1] [--of PATH ...]
 
-Each mutant is one changed expression or statement in a copy of the project. First all tests run
-once, with a probe at each statement that is to change: it records the tests that execute it. Then
-these tests run for each mutant, the nearest first, then the fastest. What an import executes
-belongs to no test: there the tests are those of the module, those that import it, and those of
-its package.
-
-A mutant that no test notices has survived. One is undecided if its tests do not end, or fail
-without it too. Exit code 1 if one survived.
+Each mutant is one changed expression or statement in a copy of the project. For each, the tests of
+its module and package run, and those that import it, then all tests. A mutant that no test notices
+has survived; one whose tests do not end is undecided. Exit code 1 if one survived.
 """
 
 from __future__ import annotations
@@ -22,10 +17,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate
-from os.path import commonpath
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,29 +48,8 @@ OPPOSITES: dict[type[ast.AST], type[ast.AST]] = {
 }
 LINKED = ("samples", "benchmarks", "pyproject.toml", ".ci")
 """What tests use and no mutant changes."""
-FAILED = re.compile(r"^(?:FAILED|ERROR) (.+)$", re.MULTILINE)
-"""A line of pytest's summary, with the test, and often ` - ` and a message."""
-DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(.+)$", re.MULTILINE)
-PROBE = """
-import os
-from contextlib import suppress
-from pathlib import Path
-
-seen = set()
-
-def reached(statement):
-    test = os.environ.get("PYTEST_CURRENT_TEST", "")
-    if (statement, test) not in seen:
-        seen.add((statement, test))
-        with suppress(OSError):
-            name = f"{hash((statement, test)):x}"
-            Path(FOLDER, name).write_text(f"{statement}\\t{test}")
-"""
-"""A module of the copy. A record is a file, because some tests limit the sizes of files."""
-MOST_S = 120.0
-"""Duration of the tests of a mutant in the first run, at most."""
-LONGER = 10
-"""How many times as long they may take with the mutant, and a minute more."""
+LIMIT_S = 1800.0
+"""Duration of the tests of a mutant, at most."""
 
 
 class Mutant(NamedTuple):
@@ -86,8 +58,6 @@ class Mutant(NamedTuple):
     module: Path
     """Its path in the package."""
     line: int
-    statement: int
-    """The line of the innermost statement around the change."""
     before: str
     after: str
     source: str
@@ -121,190 +91,73 @@ def changes_of(node: ast.AST) -> Iterator[ast.AST]:
 
 
 class _Replaced(ast.NodeTransformer):
-    def __init__(self, new: Mapping[ast.AST, ast.AST | list[ast.stmt]]) -> None:
-        self._new = new
+    def __init__(self, old: ast.AST, new: ast.AST) -> None:
+        self._old, self._new = old, new
 
     def visit(self, node: ast.AST) -> Any:
         self.generic_visit(node)
-        return self._new.get(node, node)
+        return self._new if node is self._old else node
 
 
-def changes(
-    node: ast.AST, around: ast.stmt | None = None
-) -> Iterator[tuple[ast.AST, ast.AST, ast.stmt]]:
-    """Nodes inside a node, each with a changed copy and the innermost statement around it."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.AnnAssign) and child.value is None:
-            continue
-        statement = child if isinstance(child, ast.stmt) else around
-        if statement is not None:
-            yield from ((child, new, statement) for new in changes_of(child))
-        yield from changes(child, statement)
-
-
-def replaced(tree: ast.AST, new: Mapping[ast.AST, ast.AST | list[ast.stmt]]) -> str:
-    """The source of a tree with replaced nodes."""
-    return ast.unparse(ast.fix_missing_locations(_Replaced(new).visit(tree)))
-
-
-def tree_of(module: Path) -> ast.Module:
-    """The syntax tree of a module of the program."""
-    return ast.parse((ROOT / PACKAGE / module).read_text("utf-8"))
+def changes(tree: ast.Module) -> list[tuple[ast.AST, ast.AST]]:
+    """Nodes of a module, each with a changed copy."""
+    return [(node, new) for node in ast.walk(tree) for new in changes_of(node)]
 
 
 def mutant(module: Path, number: int) -> Mutant:
     """The change of a module with this number."""
-    tree = tree_of(module)
-    before, after, statement = [*changes(tree)][number]
-    line = getattr(before, "lineno", statement.lineno)
+    tree = ast.parse((ROOT / PACKAGE / module).read_text("utf-8"))
+    before, after = changes(tree)[number]
     texts = (ast.unparse(ast.fix_missing_locations(one)).split("\n")[0] for one in (before, after))
-    return Mutant(module, line, statement.lineno, *texts, replaced(tree, {before: after}))
+    line = getattr(before, "lineno", 0)
+    source = ast.unparse(ast.fix_missing_locations(_Replaced(before, after).visit(tree)))
+    return Mutant(module, line, *texts, source)
 
 
 def chosen(count: int, seed: int, paths: Sequence[str]) -> Iterator[Mutant]:
     """Mutants of random lines of random modules."""
     rng = random.Random(seed)
-    modules = [
-        path.relative_to(ROOT / PACKAGE)
-        for path in sorted((ROOT / PACKAGE).rglob("*.py"))
-        if path.name != "__init__.py"
-    ]
-    modules = [one for one in modules if not paths or str(one).startswith(tuple(paths))]
-    if not modules:
+    numbers = {}
+    for path in sorted((ROOT / PACKAGE).rglob("*.py")):
+        module = path.relative_to(ROOT / PACKAGE)
+        if path.name != "__init__.py" and (not paths or str(module).startswith(tuple(paths))):
+            numbers[module] = len(changes(ast.parse(path.read_text("utf-8"))))
+    if not any(numbers.values()):
         raise SystemExit(f"no module of {PACKAGE}/ begins with {' or '.join(paths)}")
-    sizes = [(ROOT / PACKAGE / module).stat().st_size for module in modules]
-    numbers = {module: len([*changes(tree_of(module))]) for module in modules}
-    for module in rng.choices(modules, sizes, k=count):
-        if numbers[module]:
-            yield mutant(module, rng.randrange(numbers[module]))
-
-
-class Tests(NamedTuple):
-    """What a run of all tests shows."""
-
-    seconds: Mapping[str, float]
-    """Of each test that passes."""
-    reaching: Mapping[str, Collection[str]]
-    """The tests that execute a statement, by module and line; empty is outside of all tests."""
-
-    def of(self, one: Mutant) -> dict[str, float]:
-        """The tests to run for a mutant, in this order, with their seconds."""
-        reaching = self.reaching.get(f"{one.module}:{one.statement}", ())
-        # A fixture of a module runs in the setup of its first test.
-        files = {test.partition("::")[0] for test in reaching if test.endswith(" (setup)")}
-        if "" in reaching:
-            files.update(near(one.module))
-        tests = {test.rpartition(" (")[0] for test in reaching}
-        own, place = own_tests(one.module), f"tests/{one.module}"
-
-        def order(found: tuple[str, float]) -> tuple[bool, int, float]:
-            test, seconds = found
-            return not test.startswith(own), -len(commonpath((test, place))), seconds
-
-        found = [
-            (test, seconds)
-            for test, seconds in self.seconds.items()
-            if test in tests or test.partition("::")[0] in files
-        ]
-        found.sort(key=order)
-        sums = accumulate(seconds for _, seconds in found)
-        return dict(one for one, total in zip(found, sums, strict=True) if total < MOST_S)
-
-
-def own_tests(module: Path) -> tuple[str, str]:
-    """The file and the folder of a module's own tests."""
-    inside = module.with_suffix("")
-    return f"tests/{inside.parent}/test_{inside.name}.py", f"tests/{inside}/"
+    for module in rng.choices([*numbers], [*numbers.values()], k=count):
+        yield mutant(module, rng.randrange(numbers[module]))
 
 
 def near(module: Path) -> Iterator[str]:
-    """The test files of a module, of its package, and those that import it."""
-    inside = module.with_suffix("")
-    name = re.compile(rf"\b{PACKAGE}\.{'.'.join(inside.parts)}\b")
-    for path in (ROOT / "tests").rglob("test_*.py"):
+    """The test files of a module's package, and those that import the module."""
+    name = re.compile(rf"\b{PACKAGE}\.{'.'.join(module.with_suffix('').parts)}\b")
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
         file = path.relative_to(ROOT).as_posix()
-        package = f"tests/{inside.parts[0]}/"
-        if file.startswith((package, *own_tests(module))) or name.search(path.read_text("utf-8")):
+        if file.startswith(f"tests/{module.parts[0]}/") or name.search(path.read_text("utf-8")):
             yield file
 
 
-def probed(module: Path, lines: Collection[int]) -> str:
-    """The source of a module with a probe before the statements at some lines."""
-    tree = tree_of(module)
-    new: dict[ast.AST, list[ast.stmt]] = {}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.stmt) and node.lineno in lines:
-            probe = f"__import__('{PACKAGE}.reached').reached.reached('{module}:{node.lineno}')"
-            new[node] = [*ast.parse(probe).body, node]
-    return replaced(tree, new)
-
-
-def all_tests(folder: Path, mutants: Collection[Mutant]) -> Tests:
-    """Run all tests of a copy, with a probe at the statement of each mutant."""
-    records, probe = folder / "records", folder / PACKAGE / "reached.py"
-    records.mkdir()
-    probe.write_text(f"FOLDER = {str(records)!r}\n{PROBE}")
-    modules = {one.module for one in mutants}
-    for module in modules:
-        lines = {one.statement for one in mutants if one.module == module}
-        (folder / PACKAGE / module).write_text(probed(module, lines), "utf-8")
-    run = _pytest(folder, [], "-n", "auto", "-vv", "--durations", "0")
-    if run.returncode == pytest.ExitCode.USAGE_ERROR:
-        raise SystemExit(run.stderr)
-    for module in modules:
-        shutil.copy(ROOT / PACKAGE / module, folder / PACKAGE / module)
-    probe.unlink()
-    seconds = defaultdict[str, float](float)
-    for duration, test in DURATION.findall(run.stdout):
-        seconds[test] += float(duration)
-    for test in failed_tests(run.stdout, seconds):
-        seconds.pop(test, None)
-    reaching = defaultdict[str, set[str]](set)
-    for record in records.iterdir():
-        statement, test = record.read_text().split("\t")
-        reaching[statement].add(test)
-    return Tests(seconds, reaching)
-
-
-def _pytest(
-    folder: Path, tests: Iterable[str], *options: str, limit_s: float | None = None
-) -> subprocess.CompletedProcess[str]:
-    command = [
-        *(sys.executable, "-m", "pytest", "-m", MARKS),
-        *("-rfE", "--tb=no", "-p", "no:cacheprovider"),
-        *options,
-        *tests,
-    ]
-    return subprocess.run(
-        command, cwd=folder, capture_output=True, text=True, timeout=limit_s, check=False
+def passes(folder: Path, tests: Iterable[str]) -> bool:
+    """Whether tests of a copy pass; raises TimeoutExpired."""
+    options = ("-x", "-q", "--tb=no", "-n", "auto", "-p", "no:cacheprovider")
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-m", MARKS, *options, *tests],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        timeout=LIMIT_S,
+        check=False,
     )
+    return done.returncode in (pytest.ExitCode.OK, pytest.ExitCode.NO_TESTS_COLLECTED)
 
 
-def failed_tests(output: str, known: Collection[str]) -> list[str]:
-    """The tests of a summary; the name of a test may have a ` - ` too, as before its message."""
-    found = []
-    for line in FAILED.findall(output):
-        ends = [len(line), *(one.start() for one in re.finditer(" - ", line))]
-        found += [line[:end] for end in ends if line[:end] in known][:1]
-    return found
-
-
-def verdict(folder: Path, one: Mutant, tests: Mapping[str, float]) -> str:
-    """Whether tests notice a mutant. A test that also fails without it decides nothing."""
-    if not tests:
-        return "survived"
-    limit_s = 60 + LONGER * sum(tests.values())
+def verdict(folder: Path, one: Mutant) -> str:
+    """Whether tests notice a mutant."""
     file = folder / PACKAGE / one.module
+    file.write_text(one.source, "utf-8")
     try:
-        file.write_text(one.source, "utf-8")
-        run = _pytest(folder, tests, "-x", limit_s=limit_s)
-        if run.returncode == pytest.ExitCode.OK:
-            return "survived"
-        failed = failed_tests(run.stdout, tests)
-        # The source without comments, as that of the mutant: some tests read it.
-        file.write_text(ast.unparse(tree_of(one.module)), "utf-8")
-        run = _pytest(folder, failed or tests, "-x", limit_s=limit_s)
-        return "killed" if run.returncode == pytest.ExitCode.OK else "undecided"
+        files = [*near(one.module)]
+        noticed = (files and not passes(folder, files)) or not passes(folder, ())
+        return "killed" if noticed else "survived"
     except subprocess.TimeoutExpired:
         return "undecided"
     finally:
@@ -332,13 +185,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = copied(Path(name))
         mutants = [*chosen(options.count, options.seed, options.of)]
-        tests = all_tests(folder, mutants)
+        if not (passes(folder, ()) or passes(folder, ())):
+            raise SystemExit("a test fails without a mutant too")
         for one in mutants:
-            selected = tests.of(one)
-            found = verdict(folder, one, selected)
+            found = verdict(folder, one)
             verdicts[found] += 1
-            tried = f"{len(selected)} tests" if selected else "not executed"
-            print(f"{found} ({tried}): {one}", flush=True)
+            print(f"{found}: {one}", flush=True)
     print(*(f"{count} {found}" for found, count in verdicts.items()), sep=", ")
     return int(verdicts["survived"] > 0)
 

@@ -1,22 +1,21 @@
-"""What the script of the mutants reads from pytest."""
+"""The script of the mutants."""
 
 from __future__ import annotations
 
-import pytest
+import ast
+from pathlib import Path
 
-from tests.mutants import failed_tests
-
-KNOWN = ("tests/test_a.py::test_one", "tests/test_a.py::test_one[rpm / (motor - 2) < 0]")
-
-
-@pytest.mark.parametrize("message", ["", " - assert 1 == 2", " - ValueError: a - b"])
-@pytest.mark.parametrize("test", KNOWN)
-@pytest.mark.parametrize("outcome", ["FAILED", "ERROR"])
-def test_a_failed_test_is_named_also_where_its_name_has_a_dash(
-    outcome: str, test: str, message: str
-) -> None:
-    assert failed_tests(f"...\n{outcome} {test}{message}\n1 failed", KNOWN) == [test]
+from tests.mutants import chosen, near
 
 
-def test_a_test_that_is_not_known_has_not_failed() -> None:
-    assert failed_tests("FAILED tests/test_b.py::test_two - assert 0", KNOWN) == []
+def test_mutant_is_a_module_with_one_change() -> None:
+    for one in chosen(20, 1, ["protocol/"]):
+        assert ast.parse(one.source)
+        assert one.before != one.after
+        assert str(one).startswith("protocol/")
+
+
+def test_tests_of_a_module_are_those_of_its_package_and_those_that_import_it() -> None:
+    found = [*near(Path("protocol/framer.py"))]
+    assert "tests/protocol/test_framer.py" in found
+    assert "tests/tui/test_keys.py" not in found
