@@ -51,23 +51,23 @@ def main() -> None:
 
 
 def worker() -> None:
-    """Load and run a worker process, see `session.worker_process`."""
+    """Load and run a capture process, see `session.control`."""
     try:
-        from fte_sniff.session.worker_process import run
+        from fte_sniff.session.capture_process import run
 
         run()
     except Exception as error:
-        _exit_if_short(error, quiet=True)  # the starting process reports it
+        _exit_if_short(error)
         raise
 
 
-def _exit_if_short(error: BaseException | None, *, quiet: bool = False) -> None:
+def _exit_if_short(error: BaseException | None) -> None:
     """Exit if the system has too little of something, with a line on standard error."""
     while error is not None:
         text = f"{type(error).__mro__} {error}"
         for texts, code, message in _SHORTAGES:
             if any(one in text for one in texts):
-                sys.stderr.write("" if quiet else f"fte-sniff: {message}\n")
+                sys.stderr.write(f"fte-sniff: {message}\n")
                 sys.exit(code)
         error = error.__cause__ or error.__context__
 

@@ -194,6 +194,9 @@ def unreadable(path: object, error: OSError) -> FileError:
 
 def unwritable(path: object, error: OSError) -> FileError:
     """The error of a file that cannot be created or written."""
+    if isinstance(error, FileNotFoundError) and os.path.isdir(os.path.dirname(str(path)) or "."):  # noqa: PTH112, PTH120
+        form = "{path}: nothing can be made in this folder; name another place with -o"
+        return FileError(form, path=path)
     return _file_error(UNWRITABLE, path, error)
 
 

@@ -65,8 +65,8 @@ for module, names in removed.items():
 BLOCKED = f"""
 blocking = {WITHOUT_POSIX!r}
 exec(blocking)
-import fte_sniff.session.worker_process as workers
-workers._START = blocking + workers._START
+import fte_sniff.session.control as control
+control._START = blocking + '\\n' + control._START
 """
 
 Result = tuple[int, bytes, bytes]

@@ -7,7 +7,7 @@ from contextlib import ExitStack, suppress
 from functools import partial
 from heapq import merge
 from signal import Signals
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from fte_sniff.cli.streams import NOT_BEGUN, STDOUT, abandon_stdout, ending_signals, print_err
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.protocol import PortEvent, Row
     from fte_sniff.protocol.rows import Rows
-    from fte_sniff.session.capture_process import CapturePlan
+    from fte_sniff.session.control import CapturePlan
     from fte_sniff.session.live_session import LiveSession
 
 
@@ -66,23 +66,18 @@ def capture(
     from fte_sniff.session.live_session import LiveSession
 
     active = list(observers)
-    reported: set[str] = set()
-    has_terminal = drive is None
 
     def observe(update: FeedUpdate) -> None:
-        # Before the rows: to print many of them takes seconds, in which the user can decide.
-        backlog = session.state.backlog if has_terminal and update.state.running else None
-        if backlog is not None and backlog not in reported:
-            reported.add(backlog)
-            print_err(f"{backlog}; Ctrl-C drops them")
         for one in tuple(active):
             try:
                 one.update(update, session)
             except BrokenPipeError:
                 active.remove(one)
                 abandon_stdout()
-                if reason := _without_reader(plan):
-                    print_err(f"{STDOUT} has no reader any more: {reason}")
+                if not plan.is_temporary:
+                    print_err(
+                        f"{STDOUT} has no reader any more: {_WITHOUT_READER[plan.outlives_view]}"
+                    )
                 if not plan.outlives_view:
                     session.stop()
             except BaseException:
@@ -113,7 +108,6 @@ def capture(
                         handlers.close()
                         code = drive(session)
             finally:
-                has_terminal = True
                 if drive is not None:
                     # A stopped terminal may not block the exit either.
                     request_end = handlers.enter_context(ending())
@@ -126,18 +120,20 @@ def capture(
     return code
 
 
-def _without_reader(plan: CapturePlan) -> str | None:
-    """What a recording does after the reader of its rows has gone; None if nothing is recorded."""
-    if plan.is_temporary:
-        return None
-    if plan.outlives_view:
-        return "the recording goes on; Ctrl-C ends it"
-    return "the capture ends; with --keep-recording it goes on"
+_WITHOUT_READER: Final = {
+    False: "the capture ends; with --keep-recording it goes on",
+    True: "the recording goes on; Ctrl-C ends it",
+}
+"""What a recording does after the reader of its rows has gone, by whether it outlives its view."""
 
 
 def _drain(session: LiveSession) -> None:
-    """Wait until the end; observers receive the rows."""
+    """Wait until the end; observers receive the rows. Report once what the end waits for."""
     from fte_sniff.session.live_session import WAIT_S
 
+    is_reported = False
     while session.wait(WAIT_S).state.running:
-        pass
+        backlog = session.state.backlog
+        if backlog is not None and not is_reported:
+            is_reported = True
+            print_err(f"{backlog}; Ctrl-C drops them")

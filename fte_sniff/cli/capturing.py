@@ -14,6 +14,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,6 +22,7 @@ import click
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.analysis.time_text import zone_of
+from fte_sniff.capture.silence import DEFAULT_SILENCE_S
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.input_files import (
@@ -63,8 +65,7 @@ if TYPE_CHECKING:
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.protocol.rows import Rows
-    from fte_sniff.recording.recorder import Outcome
-    from fte_sniff.session.capture_process import CapturePlan
+    from fte_sniff.session.control import CapturePlan, CaptureState
     from fte_sniff.session.live_session import LiveSession
     from fte_sniff.session.notes import Notes
     from fte_sniff.tui.options import StartOptions
@@ -191,40 +192,44 @@ def _check_output(output: Path) -> None:
         )
 
 
-def capture_plan(
-    wiring: Wiring,
-    *,
-    output: Path | None,
-    force: bool,
-    no_record: bool,
-    rotate: dict[str, Any] | None,
-    max_size: int | None,
-    min_free: int | None,
-    **planned: Any,
-) -> CapturePlan:
-    """The plan of a capture; `planned` are further fields of it.
+def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
+    """The plan of a capture with these options.
 
     Raises UsageError if options contradict each other, or the output is not a file of recordings.
     """
-    from fte_sniff.session.capture_process import CapturePlan
+    from fte_sniff.session.control import CapturePlan
 
-    if no_record and (output is not None or planned["outlives_view"]):
-        given = "--keep-recording" if output is None else "-o"
-        raise UsageError(f"{given} and --no-record contradict each other; leave one of them out")
+    output = given.output
+    if given.no_record and (output is not None or given.keep_recording):
+        one = "--keep-recording" if output is None else "-o"
+        raise UsageError(f"{one} and --no-record contradict each other; leave one of them out")
     if output is not None:
         _check_output(output)
-    found = RecordingOptions(**rotate or {}, keep_bytes=max_size, min_free_bytes=min_free)
-    for option, size in (("--rotate", found.rotate_bytes), ("--max-size", max_size)):
+    found = RecordingOptions(
+        **given.rotate or {}, keep_bytes=given.max_size, min_free_bytes=given.min_free
+    )
+    for option, size in (("--rotate", found.rotate_bytes), ("--max-size", found.keep_bytes)):
         if size is not None and size < _MIN_FILE:
             raise UsageError(f"{option}: a file has at least {_MIN_FILE // 1000} kB")
-    if max_size is not None and max_size < 2 * (found.rotate_bytes or 0):
+    if found.keep_bytes is not None and found.keep_bytes < 2 * (found.rotate_bytes or 0):
         raise UsageError("--max-size must have room for two files of --rotate; raise it")
-    path, existing = output, Existing.REPLACE if force else Existing.REFUSE
+    path, existing = output, Existing.REPLACE if given.force else Existing.REFUSE
     if path is None:
         path, existing = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"), Existing.NUMBER
-    if no_record:
+    if given.no_record:
         path, found = Path(mkdtemp(prefix="fte-sniff-")) / "rows.mcap", _UNRECORDED
-    return CapturePlan(wiring, path, existing, found, is_temporary=no_record, **planned)
+    return CapturePlan(
+        wiring,
+        path,
+        existing,
+        found,
+        is_temporary=given.no_record,
+        outlives_view=given.keep_recording,
+        shows_rows=not given.headless,
+        duration_s=given.duration,
+        count=given.count,
+        silence_s=silence_of(given.alert_text) or given.silence or DEFAULT_SILENCE_S,
+    )
 
 
 def run_capture(
@@ -232,67 +237,45 @@ def run_capture(
     ports: Sequence[str],
     settings: Settings,
     *,
-    baud: int | None,
-    dtr: str,
-    rts: str,
-    keep_recording: bool,
-    plain: bool,
-    headless: bool,
-    form: str | None,
-    columns: tuple[str, ...] | None,
-    filter_text: str | None,
-    alert_text: str | None,
-    silence: float | None,
-    udp: tuple[str, int] | None,
-    serve: tuple[str, int] | None,
-    origins: tuple[str, ...],
-    duration: float | None,
-    count: int | None,
     share: bool = False,
-    **recording: Any,
+    **options: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
 
     `wiring_with` builds the wiring from the settings of its ports, whose names are as the user
-    wrote them; the settings have defaults for options that are not given. `recording` are options
-    of `capture_plan`. Raises FteSniffError after everything is closed, if the capture failed.
+    wrote them; the settings have defaults for options that are not given. `options` are the values
+    of `capture_options`. Raises FteSniffError after everything is closed, if the capture failed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
-    from fte_sniff.capture.silence import DEFAULT_SILENCE_S
 
-    zone = settings.live.get("zone")
+    given, zone = SimpleNamespace(**options), settings.live.get("zone")
     zone = None if zone is None else zone_of(zone)
+    baud = given.baud
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    plan = capture_plan(
-        wiring_with(PortSettings(baud, ControlLine(dtr), ControlLine(rts), share)),
-        outlives_view=keep_recording,
-        shows_rows=not headless,
-        duration_s=duration,
-        count=count,
-        silence_s=silence_of(alert_text) or silence or DEFAULT_SILENCE_S,
-        **recording,
-    )
-    wanted, alert = row_filter(filter_text, zone), alert_of(alert_text, zone)
-    signals = tuple(one for one in ENDING_SIGNALS if one not in HANG_UP or not keep_recording)
+    lines = ControlLine(given.dtr), ControlLine(given.rts)
+    plan = capture_plan(given, wiring_with(PortSettings(baud, *lines, share)))
+    wanted, alert = row_filter(given.filter_text, zone), alert_of(given.alert_text, zone)
+    kept = HANG_UP if given.keep_recording else ()
+    signals = tuple(one for one in ENDING_SIGNALS if one not in kept)
     drive, observers = None, list[Observer]()
-    if headless:
-        others = {"--plain": plain, "--format": form, "--columns": columns}
-        others |= {"--filter": filter_text, "--alert": alert_text}
-        if given := [name for name, value in others.items() if value]:
-            raise UsageError(f"--headless shows no rows; leave out {given[0]}")
-        if plan.is_temporary:
-            raise UsageError("--headless records to files; leave out --no-record")
+    if given.headless:
+        _check_headless(given)
         names = printable(" and ".join(plan.wiring.names))
         observers.append(CaptureReport(plan, zone, f"capturing {names}, recording to"))
-    elif plain or form or columns or not (sys.stdout.isatty() and sys.stdin.isatty()):
-        printed = OutputFormat(form or ("csv" if columns else "table"))
-        check_columns(columns, printed)
+    elif (
+        given.plain
+        or given.form
+        or given.columns
+        or not (sys.stdout.isatty() and sys.stdin.isatty())
+    ):
+        printed = OutputFormat(given.form or ("csv" if given.columns else "table"))
+        check_columns(given.columns, printed)
         write = text_writer(
             printed,
             sys.stdout,
             ports=len(plan.wiring.names) > 1,
-            columns=columns or ALL_COLUMNS,
+            columns=given.columns or ALL_COLUMNS,
             zone=zone or UTC,
         )
         observers += [CaptureReport(plan, zone, "recording to"), PlainLines(wanted, alert, write)]
@@ -302,7 +285,7 @@ def run_capture(
         start = StartOptions(
             row_filter=wanted,
             alert=alert,
-            leave_at_end=duration is not None or count is not None,
+            leave_at_end=given.duration is not None or given.count is not None,
             signals=signals,
             line_setup=settings.line_setup(ports, baud),
             language=settings.language(),
@@ -315,14 +298,24 @@ def run_capture(
         observers += [screen, CaptureReport(plan, zone)]
         drive = screen.show
     is_network = settings.live.get("network", False)
-    if udp is not None:
-        observers.append(Datagrams(local("--udp", udp, is_network), wanted))
-    if serve is not None:
-        address = local("--serve", serve, is_network)
-        observers.append(FoxgloveServer(address, plan.wiring.names, origins))
-    elif origins:
+    if given.udp is not None:
+        observers.append(Datagrams(local("--udp", given.udp, is_network), wanted))
+    if given.serve is not None:
+        address = local("--serve", given.serve, is_network)
+        observers.append(FoxgloveServer(address, plan.wiring.names, given.origins))
+    elif given.origins:
         raise UsageError("--allow-origin works with --serve; add it")
     sys.exit(capture(plan, observers, signals, drive))
+
+
+def _check_headless(given: SimpleNamespace) -> None:
+    """Raise UsageError for options of rows that are not shown."""
+    others = {"--plain": given.plain, "--format": given.form, "--columns": given.columns}
+    others |= {"--filter": given.filter_text, "--alert": given.alert_text}
+    if named := [name for name, value in others.items() if value]:
+        raise UsageError(f"--headless shows no rows; leave out {named[0]}")
+    if given.no_record:
+        raise UsageError("--headless records to files; leave out --no-record")
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
@@ -341,7 +334,7 @@ class CaptureReport(Observer):
         self._tally = Tally()
         self._events: Counter[PortEventKind] = Counter()
         self._failure = ""
-        self._recording: Path | None = None
+        self._recording: str | None = None
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
@@ -377,10 +370,9 @@ class CaptureReport(Observer):
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
-        limit = self._plan.count
-        print_err(summary(self._tally, zone=self._zone, unframed=state.waiting, limit=limit))
-        if state.outcome and state.recording and not self._plan.is_temporary:
-            _print_recording(state.recordings, state.recording, state.outcome)
+        print_err(summary(self._tally, zone=self._zone))
+        if state.kept_from and state.recording and not self._plan.is_temporary:
+            _print_recording(state, state.kept_from, state.recording)
 
     def _print_event(self, event: PortEvent) -> None:
         if event.kind not in _EXPECTED_EVENTS:
@@ -390,13 +382,13 @@ class CaptureReport(Observer):
             print_err(f"{event.port}{kind}{detail}")
 
 
-def _print_recording(recordings: Sequence[Path], last: Path, outcome: Outcome) -> None:
-    several = f"{outcome.first} to " if outcome.first != last else ""
+def _print_recording(state: CaptureState, first: str, last: str) -> None:
+    several = f"{first} to " if first != last else ""
     gone = ""
-    if count := outcome.deleted_files:
+    if count := state.deleted_files:
         files = f"{count:,} older file{'s' * (count != 1)}"
-        gone = f"; {files} with {outcome.deleted_rows:,} rows deleted (--max-size)"
-    there = sum(path.exists() for path in recordings)
+        gone = f"; {files} with {state.deleted_rows:,} rows deleted (--max-size)"
+    there = sum(Path(path).exists() for path in state.recordings)
     number = f", {there} files" if there > 1 else ""
     print_err(f"recorded to {several}{last}{number}{gone}")
 
@@ -441,7 +433,9 @@ class Screen(Observer):
         from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
-        self._notes = Notes({path: None for path in session.state.recordings if path.is_file()})
+        self._notes = Notes(
+            {Path(one): None for one in session.state.recordings if Path(one).is_file()}
+        )
         if session.stopping:
             return 0
         return run_screen(session, replace(self._options, notes=self._notes))

@@ -32,7 +32,6 @@ from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.following import Following
 from fte_sniff.session.save import ExportSource, FileExport, Sink, open_sink
 
 
@@ -45,7 +44,7 @@ from fte_sniff.session.save import ExportSource, FileExport, Sink, open_sink
 @click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
 def command(
     query: InputQuery,
-    following: Following | None,
+    following: bool,
     form: str | None,
     output: Path | None,
     force: bool,
@@ -68,16 +67,17 @@ def command(
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
     check_columns(columns, written)
     ports = set[str]()
-    if following is not None and written is OutputFormat.PARQUET:
+    if following and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
-    ending = nullcontext() if following is None else ending_signals(following.stop)
+    follower = query.follower() if following else None
+    ending = nullcontext() if follower is None else ending_signals(follower.stop)
     # Rows on standard output show themselves how far it is.
     shown = not _is_stdout(output) and not is_typed(query.files)
     with ending, progress_line(shown=shown) as progress:
         # The rows of a stream do not wait, unless the filter needs it.
-        facts = written in _WITH_FACTS and following is None and STDIN not in query.files
-        reading = query.read(query.row_filter(), limit, progress, following, facts=facts)
+        facts = written in _WITH_FACTS and follower is None and STDIN not in query.files
+        reading = query.read(query.row_filter(), limit, progress, follower, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
         with _opened(written, output, reading.source, force=force) as sink:

@@ -5,7 +5,7 @@
 
 The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; its present name and
 the one before 2025 are equal in what is used here. A web page that the user visits can connect to
-any port of this machine, also by a name that leads there, so the server checks Origin and Host.
+any port of this machine, so the library checks the Origin that a browser sends.
 """
 
 from __future__ import annotations
@@ -17,12 +17,10 @@ import re
 import socket
 import struct
 from base64 import b64encode
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Coroutine, Sequence
 from contextlib import suppress
-from http import HTTPStatus
 from threading import Thread
-from time import time_ns
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.options import install_command
@@ -32,11 +30,12 @@ from fte_sniff.protocol import PortEvent
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
-    from websockets.http11 import Request, Response
 
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.protocol.rows import Rows
     from fte_sniff.session.live_session import LiveSession
+
+Result = TypeVar("Result")
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"
@@ -52,23 +51,6 @@ _THIS_MACHINE: Final = re.compile(
     r"file://|https?://(localhost|127(\.[0-9]+){3}|\[::1\])(:[0-9]+)?"
 )
 """Origins of files and of pages of this machine."""
-
-
-def allows_origin(origin: str, allowed: Collection[str] = ()) -> bool:
-    """Whether a page of this origin may read: Foxglove's, this machine's, or an allowed one."""
-    return origin in (FOXGLOVE_ORIGIN, *allowed) or _THIS_MACHINE.fullmatch(origin) is not None
-
-
-_NUMERIC: Final = re.compile(r"localhost|[0-9.]+|\[[0-9a-f:.]+\]")
-
-
-def allows_host(host: str, bound: str) -> bool:
-    """Whether a request names this server: by an IP address, as localhost, or as it is bound.
-
-    Another name is that of a web page whose server lets its name lead to this machine.
-    """
-    name = re.sub(r":[0-9]*$", "", host).lower()
-    return name == bound.lower() or _NUMERIC.fullmatch(name) is not None
 
 
 class FoxgloveServer(Observer):
@@ -93,7 +75,7 @@ class FoxgloveServer(Observer):
             raise UsageError(
                 f"--serve needs the package websockets: {install_command('foxglove')}"
             ) from None
-        self._origins, self._name = origins, address[0]
+        self._origins = origins
         keys = ((port, topic.name) for port in ports for topic in TOPICS)
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
@@ -103,9 +85,7 @@ class FoxgloveServer(Observer):
         self._loop = asyncio.new_event_loop()
         self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
         self._thread.start()
-        self._server: Server = asyncio.run_coroutine_threadsafe(
-            self._listen(listening), self._loop
-        ).result()
+        self._server = self._run(self._listen(listening))
 
     @property
     def wanted(self) -> set[int]:
@@ -126,20 +106,23 @@ class FoxgloveServer(Observer):
 
     def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send rows and port events to the viewers of their channels."""
-        asyncio.run_coroutine_threadsafe(self._send(rows, events), self._loop).result()
+        self._run(self._send(rows, events))
 
     def close(self) -> None:
         """Hang up; viewers that do not read the last messages at once lose them."""
-        asyncio.run_coroutine_threadsafe(self._hang_up(), self._loop).result()
+        self._run(self._hang_up())
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
         self._loop.close()
+
+    def _run(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
 
     # What follows runs in the thread of the loop.
 
     async def _listen(self, listening: socket.socket) -> Server:
         from websockets.asyncio.server import serve
-        from websockets.typing import Subprotocol
+        from websockets.typing import Origin, Subprotocol
 
         own = logging.getLogger(f"{__name__}.library")
         for quiet in (own, logging.getLogger("asyncio")):  # they would write on the screen
@@ -148,24 +131,13 @@ class FoxgloveServer(Observer):
         return await serve(
             self._serve,
             sock=listening,
-            process_request=self._refused,
+            origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
             subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
             compression=None,
             ping_interval=None,
             close_timeout=_CLOSE_S,
             logger=own,
         )
-
-    def _refused(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request that is refused; None for others."""
-        for origin in request.headers.get_all("Origin"):
-            if not allows_origin(origin, self._origins):
-                text = f"the origin {origin} may not read; --allow-origin {origin} allows it\n"
-                return connection.respond(HTTPStatus.FORBIDDEN, text)
-        for host in request.headers.get_all("Host"):
-            if not allows_host(host, self._name):
-                return connection.respond(HTTPStatus.FORBIDDEN, f"this is not {host}\n")
-        return None
 
     async def _serve(self, connection: ServerConnection) -> None:
         """Serve one viewer until it leaves; a message that is not understood is skipped."""
@@ -174,7 +146,7 @@ class FoxgloveServer(Observer):
         self._viewers[connection] = {}
         info = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
         with suppress(ConnectionClosed):
-            await connection.send(json.dumps(info | {"sessionId": str(time_ns() // 10**6)}))
+            await connection.send(json.dumps(info))
             await connection.send(json.dumps(self._advertisement()))
             async for message in connection:
                 with suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):

@@ -15,7 +15,6 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from datetime import UTC, date, tzinfo
 from functools import cache, partial, wraps
@@ -49,7 +48,7 @@ from fte_sniff.errors import (
 )
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Gap, Status, iso_time, status_of
-from fte_sniff.session.following import Following, followed
+from fte_sniff.session.following import Follower, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
     KIND_OF_SUFFIX,
@@ -336,11 +335,9 @@ follow_option = click.option(
     "--follow",
     "following",
     is_flag=True,
-    callback=lambda _context, _option, wanted: Following() if wanted else None,
     help="Read a recording while another program writes it, and its next files, until the writer"
     " ends.",
 )
-"""The `--follow` option; its value is the `Following`, or None."""
 
 
 def input_options(
@@ -464,13 +461,13 @@ class InputQuery:
         row_filter: RowFilter | None,
         limit: int | None = None,
         progress: Progress | None = None,
-        following: Following | None = None,
+        follower: Follower | None = None,
         *,
         facts: bool = False,
     ) -> InputReading:
         """Open the inputs; the arguments are those of `InputReading`.
 
-        With `following`, the one input is a recording that another program writes.
+        `follower` reads the one input, if another program writes it.
 
         Raises:
             FileError: no file can be read; one of several is reported, and the others are read.
@@ -482,10 +479,7 @@ class InputQuery:
         inputs, unreadable = list[Input](), list[FileError]()
         for path in self.paths():
             try:
-                if following is None:
-                    inputs.append(_opened(path, self))
-                else:
-                    inputs.append(followed(self._followed(path), following))
+                inputs.append(_opened(path, self) if follower is None else followed(follower))
             except FileError as error:
                 unreadable.append(error)
         if not inputs:
@@ -504,19 +498,25 @@ class InputQuery:
             pair=self.pair,
             zone=zone or UTC,
         )
-        if following is not None:
+        if follower is not None:
             found.progress.step = f"following {inputs[0].name}"
         return found
 
-    def _followed(self, path: Path) -> Path:
-        """The path; raises UsageError if it is one of several, or cannot grow."""
-        if len(self.paths()) > 1 or path == STDIN or self.topics:
+    def follower(self) -> Follower:
+        """Open the one input, which another program writes.
+
+        Raises UsageError if it is one of several, or cannot grow, and FileError.
+        """
+        path, *others = self.paths()
+        if others or path == STDIN or self.topics:
             raise UsageError(
                 "--follow needs one recording; the next files of its capture follow by themselves"
             )
         if self.kind not in (None, InputKind.MCAP):
             raise UsageError("--follow reads recordings only; leave --input out")
-        return path
+        from fte_sniff.recording.reader import Recording
+
+        return Follower(Recording(path, is_growing=True))
 
 
 def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
@@ -556,13 +556,11 @@ def _expanded(named: Path) -> list[Path]:
 def _opened(path: Path, query: InputQuery) -> Input:
     if query.topics:
         return _topics(path, query.topics)
-    with ExitStack() as opened:
-        stream = _stream_of(path)
-        if stream is not None:
-            opened.enter_context(stream)
-        one = _input_of(path, stream, query)
+    stream = _stream_of(path)
+    one = _input_of(path, stream, query)
+    if stream is not None:
         # Not at exit: a thread that waits for the next bytes of a pipe would delay it.
-        finalize(one, opened.pop_all().close).atexit = False
+        finalize(one, stream.close).atexit = False
     return one
 
 
@@ -639,18 +637,10 @@ ENOUGH_ROWS = 5
 """This many damaged rows without a frame point to a wrong setup."""
 
 
-def summary(
-    tally: Tally,
-    reading: InputReading | None = None,
-    unframed: int = 0,
-    limit: int | None = None,
-    zone: tzinfo = UTC,
-) -> str:
+def summary(tally: Tally, reading: InputReading | None = None, zone: tzinfo = UTC) -> str:
     """Summary of all rows: `512 rows, 3 malformed (0.6 %: truncated 2, noise 1), 10.2 s from ...`.
 
-    With `reading`, whose rows the tally counts, it reports their gaps. `unframed` bytes were
-    received but not decoded, because the capture ended; `limit` is its largest number of rows.
-    `zone` is that of the times.
+    With `reading`, whose rows the tally counts, it reports their gaps. `zone` is that of the times.
     """
     if reading is not None and reading.written == reading.limit:
         read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
@@ -664,10 +654,7 @@ def summary(
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
     gaps = reading.reported_gaps if reading is not None else []
-    if unframed:
-        after = "after the limit " if tally.rows == limit else ""
-        parts.append(f"{unframed:,} bytes {after}not decoded")
-    advice = "" if unframed else explain_no_frames(tally, reading)
+    advice = explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
     return ", ".join(parts) + _span(tally, zone) + lacking + (advice and f"; {advice}")
 

@@ -47,16 +47,13 @@ def measure(query: InputQuery, analysis: Analysis[Part]) -> tuple[Part, InputRea
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
-        UsageError: the options contradict each other, or the cluster's address is invalid.
+        UsageError: the options contradict each other.
         InputTextError: a filter, time, date or zone is invalid.
     """
-    from fte_sniff.session.jobs import check_address
     from fte_sniff.session.measured import Measurement
 
-    if query.cluster is not None:
-        if query.jobs is not None:
-            raise UsageError("--jobs is for this machine; leave it out with --cluster")
-        check_address(query.cluster)
+    if query.cluster is not None and query.jobs is not None:
+        raise UsageError("--jobs is for this machine; leave it out with --cluster")
     measurement, wanted = Measurement(analysis), query.row_filter()
     with progress_line(shown=not is_typed(query.files)) as progress:
         reading = query.read(None, progress=progress)

@@ -32,7 +32,6 @@ from fte_sniff.cli.streams import ending_signals, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.protocol.rows import Item, Rows
-from fte_sniff.session.following import Following
 from fte_sniff.session.inputs import Input
 
 
@@ -52,7 +51,7 @@ def command(
     query: InputQuery,
     alert_text: str | None,
     play_speed: float | None,
-    following: Following | None,
+    following: bool,
     lang: str | None,
 ) -> None:
     """Show recordings, raw bytes or hex text on the screen of `live`.
@@ -83,7 +82,8 @@ def command(
 
     wanted, paths = query.row_filter(), query.paths()
     with progress_line() as progress:
-        reading = query.read(None, progress=progress, following=following)
+        follower = query.follower() if following else None
+        reading = query.read(None, progress=progress, follower=follower)
         items = iter(reading)
         # The first rows are read now, so that an error comes before the screen.
         opening_items = _up_to_rows(items)
@@ -97,7 +97,7 @@ def command(
         " ".join(map(str, query.files)),
         None if reading.span else _row_count(reading.inputs),
         list(map(str, paths)),
-        following,
+        follower,
         plays=play_speed is not None,
     )
     opening = StartOptions(

@@ -230,7 +230,8 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             at = file.size if is_growing else _next_chunk(file, stop, file.size)
             behind = stop + len(MAGIC)
             if at < file.size:
-                found.lost.append(LostBytes(stop, at, _RECORDS_LOST))
+                is_joined = file.read(behind, behind + len(MAGIC)) == MAGIC
+                found.lost.append(LostBytes(stop, at, _JOINED if is_joined else _RECORDS_LOST))
             elif not is_growing and _JUNK.match(file.read(stop, behind + HEAD.size)):
                 found.lost.append(LostBytes(behind, file.size, _BEHIND_END))
     if not is_ended:
@@ -285,6 +286,9 @@ class _Bytes(NamedTuple):
 _JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\Z)")
 """An end of a file, and behind it neither the end of the file nor what a capture writes there."""
 _BEHIND_END: Final = TranslatableText("they are behind the end of the recording")
+_JOINED: Final = TranslatableText(
+    "another recording begins there, whose port names may replace those before; read both as files"
+)
 _RECORDS_LOST: Final = TranslatableText("damaged records")
 _END_LOST: Final = TranslatableText("the file is damaged or cut off there")
 

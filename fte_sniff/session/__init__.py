@@ -3,7 +3,7 @@
 Modules:
 
     capture_process  Child process: read ports, frame, record.
-    control          CaptureState: what a capture sends to its view.
+    control          The plan, the state and the pipes of a capture process.
     doctor           The checks of `doctor`: machine, ports, line.
     jobs             The same function over groups of files, in processes or on a cluster.
     measured         Count recordings table by table; public check(), stats(), findings().
@@ -19,5 +19,4 @@ Modules:
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
     stats_json       Statistics as a JSON object.
-    worker_process   Start another process of this program, with a pipe to it.
 """

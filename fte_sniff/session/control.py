@@ -1,16 +1,55 @@
-"""What a capture sends to its view: its state, whenever that has changed; never rows.
+"""What a capture process and its view share: the plan, the state, and the pipes between them.
 
-The view shows the last one. What it sends itself is one line: the request to stop.
+    view ──standard input: the plan, then `stop`────► capture process
+         ◄──standard output: a state, one JSON line──
+
+The capture sends its state, never rows; the view shows the last one. The end of standard input
+means that the view is gone.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import os
+import pickle
+import subprocess
+import sys
+from base64 import b64encode
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.recording.recorder import Outcome
+from fte_sniff.capture.silence import DEFAULT_SILENCE_S
+from fte_sniff.capture.source import Wiring
+from fte_sniff.errors import FileError, FteSniffError, PortError, TranslatableText, UsageError
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.recorder import RecordingOptions
+
+
+@dataclass(frozen=True, slots=True)
+class CapturePlan:
+    """What to capture and how to record it."""
+
+    wiring: Wiring
+    recording: Path
+    """Path of the recording."""
+    existing: Existing = Existing.REFUSE
+    recording_options: RecordingOptions = field(default_factory=RecordingOptions)
+    is_temporary: bool = False
+    """Whether the recording, and its folder, go with the program."""
+    outlives_view: bool = False
+    """Continue if the view is killed or its terminal is closed; a stop still ends it."""
+    shows_rows: bool = True
+    """Whether a view shows the rows as they come, so that they are written at once."""
+    duration_s: float | None = None
+    """End after this many seconds; None or infinity for no limit."""
+    count: int | None = None
+    """End after this many rows; None for no limit."""
+    silence_s: float = DEFAULT_SILENCE_S
+    """Report a wire that was alive and is silent for this time, seconds."""
+
 
 REPORTED_LEFTOVER: Final = 2**20
 """This many waiting bytes take over a second to write, and are reported."""
@@ -20,10 +59,10 @@ REPORTED_LEFTOVER: Final = 2**20
 class CaptureState:
     """State of a capture."""
 
-    recordings: tuple[Path, ...] = ()
+    recordings: Sequence[str] = ()
     """All files of the recording, in order; several after rotation or a failed write. They go with
     the program where the user wants none. Empty until the ports and the first one are open."""
-    recording: Path | None = None
+    recording: str | None = None
     """The current file; None while no file can be made."""
     device: str | None = None
     """The device that host programs open, for a bridge."""
@@ -33,8 +72,10 @@ class CaptureState:
     """Whether the capture is over and its file is closed."""
     reason: str | None = None
     """Why it ended, in one line; None if it was requested."""
-    outcome: Outcome | None = None
-    """What was recorded, once the capture process has ended by itself."""
+    kept_from: str | None = None
+    """The oldest file that was not deleted for space, once the capture has ended by itself."""
+    deleted_files: int = 0
+    deleted_rows: int = 0
     rows: int = 0
     """All rows so far."""
     unrecorded: int = 0
@@ -45,7 +86,7 @@ class CaptureState:
     """Whether a write takes long."""
     is_ending: bool = False
     """Whether no more bytes are read."""
-    bytes: int = 0
+    size: int = 0
     """Size of all files."""
     turns: int = 0
     """How often the capture has looked for bytes; it grows on a silent line too."""
@@ -78,3 +119,64 @@ class CaptureState:
                 "writing received data: {bytes:,} bytes left", bytes=self.waiting
             )
         return None
+
+    def line(self) -> bytes:
+        """One line of JSON, for `parse`."""
+        values = {one.name: _plain(getattr(self, one.name)) for one in fields(self)}
+        return json.dumps(values, default=str).encode() + b"\n"
+
+    @classmethod
+    def parse(cls, line: bytes) -> CaptureState:
+        """The state of a line."""
+        return cls(**json.loads(line, object_hook=_restored))
+
+
+_ERRORS: Final = {kind.exit_code: kind for kind in (UsageError, PortError, FileError)}
+
+
+def _plain(value: object) -> object:
+    """A value for JSON, which has errors and translatable texts as objects."""
+    if isinstance(value, FteSniffError):
+        return {"exit_code": value.exit_code, "message": _plain(value.message)}
+    if isinstance(value, TranslatableText):
+        values = {name: _plain(one) for name, one in value.values.items()}
+        return {"form": value.form, "values": values}
+    return value
+
+
+def _restored(found: dict[str, Any]) -> Any:
+    if "exit_code" in found:
+        return _ERRORS[found["exit_code"]](found["message"])
+    return TranslatableText(found["form"], **found["values"]) if "form" in found else found
+
+
+_START: Final = "from fte_sniff.__main__ import worker; worker()"
+
+
+def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
+    """Start the capture process of a plan.
+
+    Its import path is that of this process without the working folder. It has standard error of
+    this process; its session is a new one, so that Ctrl-C, Ctrl-Z and a closed terminal do not
+    reach it. Raises OSError if it cannot be started.
+    """
+    here = os.path.realpath("")
+    path = [entry for entry in sys.path if os.path.realpath(entry) != here]
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", _START],
+        bufsize=0,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([*path, str(Path(__file__).parents[2])])},
+        start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
+    )
+    send(process, b64encode(pickle.dumps(plan)))
+    return process
+
+
+def send(process: subprocess.Popen[bytes], line: bytes) -> None:
+    """Send a line to a process; one that has ended shows that on its standard output."""
+    assert process.stdin is not None
+    with suppress(OSError):
+        process.stdin.write(line + b"\n")

@@ -2,12 +2,11 @@
 
 Each check returns or yields a `Diagnosis`:
 
-    check_adapters   adapters that are not ports, programs that open adapters, no port at all
+    check_adapters   adapters that are not ports, no port at all
     check_port       opens PORT, listens to it, judges its line
 
 What the error of a port explains is not checked before: permission, and the program that has it
-open. Nothing is ever written to a port. Files of the system are read below `root`, so that tests
-can describe any machine.
+open. Nothing is ever written to a port.
 """
 
 from __future__ import annotations
@@ -17,19 +16,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from shlex import quote
 
 import serial
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diagnose
-from fte_sniff.capture.discovery import (
-    StrayAdapter,
-    list_ports,
-    stray_adapters,
-    text_of,
-)
-from fte_sniff.capture.line_errors import LineErrors, counters_of
+from fte_sniff.capture.discovery import StrayAdapter, list_ports, stray_adapters
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.serial_port import (
     USB_SERIAL,
@@ -42,8 +36,6 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.errors import PortError, printable
 from fte_sniff.protocol import Direction
-
-_ROOT = Path("/")
 
 
 class Level(StrEnum):
@@ -69,19 +61,7 @@ class Diagnosis:
     """A command to type, or what to do by hand; None if nothing is wrong."""
 
 
-def ok(about: str, what: str) -> Diagnosis:
-    """Make a finding that nothing is wrong."""
-    return Diagnosis(Level.OK, about, what)
-
-
-def warn(about: str, what: str, fix: str) -> Diagnosis:
-    """Make a finding that something could be better."""
-    return Diagnosis(Level.WARN, about, what, fix)
-
-
-def bad(about: str, what: str, fix: str) -> Diagnosis:
-    """Make a finding that something is wrong."""
-    return Diagnosis(Level.BAD, about, what, fix)
+ok, warn, bad = (partial(Diagnosis, level) for level in Level)
 
 
 def check_port(
@@ -92,15 +72,9 @@ def check_port(
     With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
     """
     with closing(open_port(name, settings)) as port:
-        errors = LineErrors(name, counters_of(port))
         request_low_latency(port)
         yield capability_finding(name, latency_timer_ms(device_of(port) or name))
-        yield ok(name, errors.description)
         data = read_for(name, port, seconds, _ENOUGH_BYTES)
-        errors.spans(data)
-        for event in errors.report(0, at_end=True):
-            what = f"line errors while listening: {event.detail}"
-            yield warn(name, what, "another baud or polarity, or a loose or unshielded wire")
     verdict = diagnose(data)
     yield verdict_finding(name, settings.baud, verdict)
     if probe:
@@ -122,13 +96,6 @@ def read_for(name: str, port: serial.Serial, seconds: float, enough: int) -> byt
 
 # Adapters
 
-INTERFERING_PROGRAMS = {
-    "ModemManager": "sudo systemctl disable --now ModemManager",
-    "brltty": "sudo systemctl mask --now brltty-udev.service brltty.service, then plug it in again",
-}
-"""Programs that open adapters by themselves, and the fix for each."""
-
-
 PLUG_IN = (
     "plug the adapter in, and see `sudo dmesg | tail`; a container, WSL or a virtual machine has it"
     " only after it is passed through"
@@ -136,37 +103,26 @@ PLUG_IN = (
 """What to do where a machine does not see an adapter."""
 
 
-def running_programs(root: Path = _ROOT) -> frozenset[str]:
-    """The names of all running programs."""
-    return frozenset(text_of(file) for file in (root / "proc").glob("[0-9]*/comm"))
-
-
-def check_adapters(root: Path = _ROOT) -> Iterator[Diagnosis]:
-    """Check for adapters without a port, for programs that open adapters, and for no port."""
-    for stray in stray_adapters(root / "sys/bus/usb/devices"):
-        yield stray_finding(stray, root)
-    found = INTERFERING_PROGRAMS.keys() & running_programs(root)
-    for name in sorted(found):
-        what = f"{name} runs: it opens new adapters for some seconds, and writes to them"
-        yield warn("machine", what, INTERFERING_PROGRAMS[name])
-    if not found:
-        yield ok("machine", "no program that blocks adapters is running")
+def check_adapters() -> Iterator[Diagnosis]:
+    """Check for adapters without a port, and for no port."""
+    yield from map(stray_finding, stray_adapters())
     ports = list_ports()
-    if all(port.vid is None for port in ports):
+    adapters = sum(port.vid is not None for port in ports)
+    if adapters:
+        yield ok("ports", f"{adapters} USB adapter{'s are' if adapters > 1 else ' is'} plugged in")
+    else:
         what = "USB adapter" if ports else "serial port"
         yield warn("ports", f"no {what} is plugged in", PLUG_IN)
 
 
-def stray_finding(stray: StrayAdapter, root: Path = _ROOT) -> Diagnosis:
+def stray_finding(stray: StrayAdapter) -> Diagnosis:
     """Why an adapter that is plugged in does not appear as a port."""
-    name = f"USB {stray.usb_ids}"
     what = f"{stray.product or 'a serial adapter'} is plugged in, but does not appear as a port"
-    if "brltty" in running_programs(root):
-        what += ": brltty takes it for a Braille display"
-        return bad(name, what, INTERFERING_PROGRAMS["brltty"])
+    load = f"sudo modprobe {stray.wanted}"
     if stray.driver is None:
-        return bad(name, f"{what}: its driver is not loaded", f"sudo modprobe {stray.wanted}")
-    return bad(name, f"{what}: {stray.driver} has it", f"unplug it, sudo modprobe {stray.wanted}")
+        return bad(f"USB {stray.usb_ids}", f"{what}: its driver is not loaded", load)
+    fix = f"unplug it, {load}"
+    return bad(f"USB {stray.usb_ids}", f"{what}: {stray.driver} has it", fix)
 
 
 SHORT_TIMER_MS = 2

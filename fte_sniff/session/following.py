@@ -9,18 +9,15 @@ releases its lock; if no lock was ever seen, when the file has not grown for som
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
-from functools import partial
-from pathlib import Path
 from typing import Final
 
 from fte_sniff.errors import FileError, Joint, TranslatableText, listed
 from fte_sniff.protocol import Gap, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import NO_ROWS, Item, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Item
 from fte_sniff.recording.chunks import ChunkRef
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
-from fte_sniff.session.inputs import Input, Note, beginning_of, note_end, recording_input
+from fte_sniff.session.inputs import Input, Note, beginning_of, note_losses, recording_input
 
 POLL_S: Final = 0.1
 """Interval at which a file is polled by commands that only follow."""
@@ -35,42 +32,36 @@ MOST_BYTES: Final = 4 << 20
 """Unpacked bytes of the chunks that one poll reads; of one chunk at least."""
 
 
-def _ignore(_note: str) -> None: ...
-
-
 class Follower:
     """Reads the files of a capture while they are written; `poll` never waits."""
 
-    def __init__(
-        self,
-        reader: Recording,
-        span: TimeRange = EVERYTHING,
-        note: Note = _ignore,
-        goes_on: Callable[[], bool] | None = None,
-    ) -> None:
+    def __init__(self, reader: Recording, goes_on: Callable[[], bool] | None = None) -> None:
         """Begin with a file that was opened as growing.
 
-        Args:
-            reader: the file.
-            span: only rows in it.
-            note: called with what is wrong with a file, after its last row.
-            goes_on: whether the writer runs, so that a next file can come; None if nobody knows.
+        `goes_on` is whether the writer runs, so that a next file can come; None if nobody knows.
         """
-        self._span, self._note, self._goes_on = span, note, goes_on
+        self._goes_on = goes_on
         self._has_lock = False
         """Whether locks work: one was seen."""
         self._open_ports = set[str]()
         """The ports that were opened, and neither closed nor lost."""
         self._gaps = list[Gap]()
         """The gaps that were reported; each file reports those of the files before it, too."""
+        self.span = EVERYTHING
+        """Only rows in it are read."""
+        self.note: Note = lambda _note: None
+        """Is called with what is wrong with a file, after its last row."""
+        self.stopped = False
         self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
         self._begin(reader)
 
+    def stop(self) -> None:
+        """Request the end of following; may be called in a signal handler."""
+        self.stopped = True
+
     def _begin(self, reader: Recording) -> None:
-        self.reader = reader
-        self._seen, self._rows = 0, 0
-        self._troubles = Counter[PortEventKind]()
+        self.reader, self._seen = reader, 0
         self._changed_s = time.monotonic()
         self._waits_until_s: float | None = None
         """Until when a next file is waited for."""
@@ -114,30 +105,23 @@ class Follower:
         self._new = []
         if chunks:
             self._changed_s = time.monotonic()
-            found += self.reader.read(chunks, self._span)
+            found += self.reader.read(chunks, self.span)
         gaps = [gap for gap in self.reader.gaps() if gap not in self._gaps]
         self._gaps += gaps
-        found += gaps
-        for item in found:
-            self._observe(item)
-        return found
-
-    def _observe(self, item: Item) -> None:
-        if isinstance(item, Rows):
-            self._rows += len(item)
-        elif isinstance(item, PortEvent):
-            self._troubles[item.kind] += 1
-            if item.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
-                self._open_ports.add(item.port)
-            elif item.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
-                self._open_ports.discard(item.port)
+        for event in found:
+            if isinstance(event, PortEvent):
+                if event.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
+                    self._open_ports.add(event.port)
+                elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
+                    self._open_ports.discard(event.port)
+        return found + gaps
 
     def _is_finished(self, has_writer: bool) -> bool:
         """Whether the file is complete, as far as can be known."""
         reader, now_s = self.reader, time.monotonic()
-        if reader.times is not None and reader.times[1] >= self._span.end_ns:
-            self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
+        if reader.times is not None and reader.times[1] >= self.span.end_ns:
             self._end_file()
+            self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
             return True
         is_over = self._goes_on is not None and not self._goes_on()
         if has_writer or self._has_lock or reader.limit or is_over:
@@ -146,24 +130,22 @@ class Follower:
 
     def _go_on(self) -> None:
         """Begin the next file, wait for it, or state how the last one ended."""
-        path, now_s = self.reader.find_next(), time.monotonic()
+        path = self.reader.find_next()
         if path is not None:
             self._end_file()
             self._begin(Recording(path, is_growing=True))
             return
         # A writer with open ports may begin the next file soon, for example after a disk error.
-        if self._waits_until_s is None:
-            self._waits_until_s = now_s + RELEASE_S
-        if (self._goes_on and self._goes_on()) or (
-            self._open_ports and now_s < self._waits_until_s
-        ):
+        now_s = time.monotonic()
+        self._waits_until_s = self._waits_until_s or now_s + RELEASE_S
+        is_known = self._goes_on is not None and self._goes_on()
+        if is_known or (self._open_ports and now_s < self._waits_until_s):
             return
         self._end_file()
         self.ended = self._end()
 
     def _end_file(self) -> None:
-        span = None if self._rows or self._span.everything else self._span
-        note_end(self.reader, self._note, self._troubles, span)
+        note_losses(self.reader, self.note)
         if self.reader.nothing_read is not None:
             raise self.reader.nothing_read
 
@@ -188,59 +170,27 @@ class Follower:
         return TranslatableText("{path}: the program that recorded it has ended", path=path)
 
 
-class Following:
-    """The following of a command: what it follows, and the request to stop."""
+def followed(follower: Follower) -> Input:
+    """A recording that another program writes; its rows come as they are flushed."""
 
-    def __init__(self) -> None:
-        """Follow nothing yet."""
-        self.follower: Follower | None = None
-        self.name = ""
-        """The file that is read."""
-        self.stopped = False
-        self.ended: str | None = None
-        """Why following ended, one line; None while it goes on."""
+    def read(span: TimeRange | None, note: Note) -> Iterator[Item]:
+        """The items of the file and of the next ones of its capture, until following ends.
 
-    @property
-    def is_up_to_date(self) -> bool:
-        """Whether the file was read up to its present end."""
-        return self.follower is not None and self.follower.is_up_to_date
+        First no rows, so that the caller knows that the file could be opened.
+        """
+        yield NO_ROWS
+        follower.span, follower.note = span or EVERYTHING, note
+        try:
+            while not follower.stopped and follower.ended is None:
+                yield from (items := follower.poll())
+                if not items:
+                    time.sleep(POLL_S)
+        except FileError as error:
+            follower.ended = error.message
+            raise
+        if follower.ended is not None:
+            note(follower.ended)
 
-    def stop(self) -> None:
-        """Request the end of following; may be called in a signal handler."""
-        self.stopped = True
-
-
-def followed(path: Path, following: Following) -> Input:
-    """A recording that another program writes; its rows come as they are flushed.
-
-    Raises FileError if it cannot be read, or is not a recording.
-    """
-    reader = Recording(path, is_growing=True)
-    found = recording_input(reader)
-    found.read, found.count = partial(_read_followed, reader, following), None
-    following.name = found.name
+    found = recording_input(follower.reader)
+    found.read, found.count = read, None
     return found
-
-
-def _read_followed(
-    reader: Recording, following: Following, span: TimeRange | None, note: Note
-) -> Iterator[Item]:
-    """The items of a file and of the next ones of its capture, until following ends.
-
-    First no rows, so that the caller knows that the file could be opened.
-    """
-    yield NO_ROWS
-    follower = following.follower = Follower(reader, span or EVERYTHING, note)
-    try:
-        while not following.stopped and follower.ended is None:
-            found = follower.poll()
-            following.name = str(follower.reader.path)
-            yield from found
-            if not found:
-                time.sleep(POLL_S)
-    except FileError as error:
-        following.ended = error.message
-        raise
-    following.ended = follower.ended
-    if follower.ended is not None:
-        note(follower.ended)

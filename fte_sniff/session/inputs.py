@@ -18,12 +18,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from enum import StrEnum
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TypeAlias
-
-import numpy as np
 
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.errors import (
@@ -57,6 +54,7 @@ from fte_sniff.session.save import ExportSource
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
+    from fte_sniff.analysis.table import Table
 
 
 # The format of an input
@@ -119,14 +117,16 @@ class Progress:
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
 
-TROUBLES = (
-    PortEventKind.OVERRUN,
-    PortEventKind.LINE_ERROR,
-    PortEventKind.LOST,
-    PortEventKind.NOT_PASSED_ON,
-    PortEventKind.SHARED,
+TROUBLES: Final = MappingProxyType(
+    {
+        PortEventKind.OVERRUN: "the port reported overrun {times}",
+        PortEventKind.LINE_ERROR: "the port reported line_error {times}",
+        PortEventKind.LOST: "the port reported lost {times}",
+        PortEventKind.NOT_PASSED_ON: "the port reported not_passed_on {times}",
+        PortEventKind.SHARED: "another program had the port open",
+    }
 )
-"""Events of a recording that report bytes as missing or damaged."""
+"""What the events mean that report bytes of a recording as missing or damaged."""
 
 Note: TypeAlias = Callable[[str], None]
 """Receives one line for the user about an input, such as that it ends within a frame."""
@@ -146,7 +146,7 @@ class Input:
     with the input. Raises FileError; InputTextError for text that is not hex; UsageError for a span
     of rows without times."""
     times: Callable[[], Times] = lambda: None
-    """Finds the times of its rows."""
+    """Finds the times of its rows; raises UsageError if they can be read only once."""
     first_ns: Callable[[], int | None] = lambda: None
     """Finds the first of them, which may take less than `times`."""
     ports: Sequence[PortFacts] = ()
@@ -165,10 +165,20 @@ class Input:
 
 def recording_input(reader: Recording) -> Input:
     """A recording."""
+
+    def read(span: TimeRange | None, note: Note) -> Iterator[Item]:
+        yield from beginning_of(reader)
+        try:
+            yield from reader.items(span or EVERYTHING)
+        finally:
+            note_losses(reader, note)
+        if reader.nothing_read is not None:
+            raise reader.nothing_read
+
     facts = reader.facts
     return Input(
         str(reader.path),
-        partial(_read_recording, reader),
+        read,
         partial(row_times, reader),
         lambda: None if reader.times is None else reader.times[0],
         reader.ports,
@@ -202,40 +212,10 @@ def beginning_of(reader: Recording) -> list[Gap]:
     return [Gap(GapKind.SELECTED, reason=one.filter_text) for one in reader.selections()]
 
 
-def _read_recording(reader: Recording, span: TimeRange | None, note: Note) -> Iterator[Item]:
-    """The items of a recording; at the end, note what is wrong with it."""
-    troubles, rows_read = Counter[PortEventKind](), 0
-    yield from beginning_of(reader)
-    try:
-        for item in reader.items(span or EVERYTHING):
-            if isinstance(item, Rows):
-                rows_read += len(item)
-            elif isinstance(item, PortEvent):
-                troubles[item.kind] += 1
-            yield item
-    finally:
-        note_end(reader, note, troubles, None if rows_read else span)
-    if reader.nothing_read is not None:
-        raise reader.nothing_read
-
-
-def note_end(
-    reader: Recording, note: Note, troubles: Counter[PortEventKind], span: TimeRange | None
-) -> None:
-    """Note what is wrong with a recording that was read; `span` if it has no rows in it."""
-    for kind in TROUBLES:
-        if troubles[kind]:
-            times = "once" if troubles[kind] == 1 else f"{troubles[kind]:,} times"
-            what = f"the port reported {kind} {times}"
-            if kind is PortEventKind.SHARED:
-                what = "another program had the port open"
-            note(f"{reader.path}: {what} while it was recorded")
+def note_losses(reader: Recording, note: Note) -> None:
+    """Note what is lost of a recording that was read."""
     for loss in reader.losses:
         note(f"{reader.path}: {loss}")
-    if span is not None and (known := reader.times) is not None:
-        count = reader.count
-        held = "rows" if count is None else f"{count:,} rows and events"
-        note(f"{reader.path}: {_none_in_span(held, *known)}")
 
 
 def chunk_input(
@@ -263,9 +243,10 @@ def chunk_input(
     """
 
     def first_ns() -> int | None:
-        for chunk in again() if again else ():
-            if chunk.t_ns is not None:
-                return chunk.t_ns - len(chunk.data) * byte_time_ns(baud)
+        with suppress(FteSniffError):  # raised when the rows are read
+            for chunk in again() if again else ():
+                if chunk.t_ns is not None:
+                    return chunk.t_ns - len(chunk.data) * byte_time_ns(baud)
         return None
 
     def times() -> Times:
@@ -281,67 +262,26 @@ def chunk_input(
         return tally.times
 
     def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
-        tally = Tally()
-
-        def counted() -> Iterator[Rows]:
-            for rows in rows_of_chunks(chunks, note, baud):
-                tally.observe(rows)
-                yield rows
-
+        rows_read = frames = 0
         try:
-            yield from _within(span, counted(), name, note)
+            for rows in rows_of_chunks(chunks, note, baud):
+                rows_read += len(rows)
+                frames += int(rows.framed.sum())
+                if span is not None and len(rows) and rows.span_ns is None:
+                    raise UsageError(f"{name} has no times; set with --start when its bytes began")
+                yield rows if span is None else rows.select(span.mask(rows.t_ns))
         finally:
             for text in notes():
                 note(f"{name}: {text}")
-        if not tally.rows:
+        if not rows_read:
             raise FileError(f"{name} is empty; there is nothing to read")
-        if is_guess and not tally.frames:
+        if is_guess and not frames:
             raise FileError(
                 f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"
                 " --input raw reads them as such"
             )
 
-    known = [PortFacts(port) for port in ports or [name]]
-    return Input(name, read, times, _quiet(first_ns), known, count)
-
-
-def _quiet(first_ns: Callable[[], int | None]) -> Callable[[], int | None]:
-    """The first time; None if it cannot be read, which is raised again when the rows are."""
-
-    def found() -> int | None:
-        with suppress(FteSniffError):
-            return first_ns()
-        return None
-
-    return found
-
-
-def _within(
-    span: TimeRange | None, batches: Iterable[Rows], name: str, note: Note
-) -> Iterator[Rows]:
-    """Only rows of the span; if there are none, note the times of the input."""
-    if span is None:
-        yield from batches
-        return
-    first_ns, last_ns, rows_read, found = None, 0, 0, 0
-    for rows in batches:
-        if len(rows) and (known := rows.span_ns) is None:
-            raise UsageError(f"{name} has no times; set with --start when its bytes began")
-        if len(rows) and known is not None:
-            first_ns = known[0] if first_ns is None else min(first_ns, known[0])
-            last_ns, rows_read = max(last_ns, known[1]), rows_read + len(rows)
-        inside = rows.select(span.mask(rows.t_ns))
-        found += len(inside)
-        yield inside
-    if not found and first_ns is not None:
-        note(f"{name}: {_none_in_span(f'{rows_read:,} rows', first_ns, last_ns)}")
-
-
-def _none_in_span(held: str, first_ns: int, last_ns: int) -> str:
-    return (
-        f"none of its {held} is between --from and --to;"
-        f" they go from {iso_time(first_ns)} to {iso_time(last_ns)}"
-    )
+    return Input(name, read, times, first_ns, [PortFacts(port) for port in ports or [name]], count)
 
 
 # What port events mean for the rows around them
@@ -386,31 +326,26 @@ def with_facts(items: Iterable[Item]) -> Iterator[Item]:
     """
     from fte_sniff.analysis.segments import Segments
 
-    cutter, others = Segments(), deque[tuple[int, Item]]()
-    pushed = done = 0
+    cutter, others, pushed, done = Segments(), deque[tuple[int, Item]](), 0, 0
 
-    def released(rows: Rows) -> Iterator[Item]:
-        nonlocal done
-        start = 0
+    def tables() -> Iterator[Table]:
+        nonlocal pushed
+        for item in items:
+            if isinstance(item, Rows):
+                pushed += len(item)
+            else:
+                others.append((pushed, item))
+            yield from cutter.push(item)
+        yield from cutter.finish()
+
+    for table in tables():
+        rows = table.with_facts[table.start : table.stop]
         while others and others[0][0] <= done + len(rows):
             place, other = others.popleft()
-            if place > done + start:
-                yield rows[start : place - done]
-                start = place - done
-            yield other
-        if start < len(rows):
-            yield rows[start:]
+            yield from (rows[: place - done], other)
+            rows, done = rows[place - done :], place
+        yield rows
         done += len(rows)
-
-    for item in items:
-        if isinstance(item, Rows):
-            pushed += len(item)
-        else:
-            others.append((pushed, item))
-        for table in cutter.push(item):
-            yield from released(table.with_facts[table.start : table.stop])
-    for table in cutter.finish():
-        yield from released(table.with_facts[table.start : table.stop])
     yield from (other for _, other in others)
 
 
@@ -524,8 +459,6 @@ class InputReading:
         self.progress.step = ""
         counts = [one.count for one in inputs if one.count is not None]
         self.progress.total = sum(counts) if len(counts) == len(inputs) and not span else None
-        self._ends: dict[str, int] = {}
-        """By port, the offset after its last row."""
         self.on_input: Callable[[str], None] = lambda _name: None
         """Is called with the name of each input, or of both of a pair, before its first item."""
         self._last_ns: int | None = None
@@ -612,9 +545,15 @@ class InputReading:
         return rows
 
     def _items_of(self, group: Sequence[Input], is_beside: bool) -> Iterator[Item]:
-        """The items of a group, without its filter: gaps, changes of the baud, all rows."""
+        """The items of a group, without its filter: gaps, changes of the baud, all rows.
+
+        They begin with a gap, which beside other inputs is one of their own ports only.
+        """
         bauds = {} if self._baud else _bauds_of(group)
         yield from (BaudChange(port, baud) for port, baud in bauds.items())
+        ports = [port.name for one in group for port in one.ports] if is_beside else [None]
+        for name in dict.fromkeys(ports):
+            yield Gap(GapKind.OTHER_RECORDING, reason=_ANOTHER, port=name, port_lost=False)
         if self._is_pair:
             self.on_input(" + ".join(one.name for one in group))
             items = merged(
@@ -622,57 +561,49 @@ class InputReading:
             )
         else:
             items = self._chained(group)
-        yield from EventEffects(bauds).of(self._begun(items, group, is_beside))
-
-    def _begun(
-        self, items: Iterable[Item], group: Sequence[Input], is_beside: bool
-    ) -> Iterator[Item]:
-        """The items, with a gap before them unless they go on where the last rows ended.
-
-        Beside other inputs it is one of their own ports only.
-        """
-        begins, has_begun = list[Gap](), False
-        ports = [port.name for one in group for port in one.ports] if is_beside else [None]
-        for port in dict.fromkeys(ports):
-            begins.append(Gap(GapKind.OTHER_RECORDING, reason=_ANOTHER, port=port, port_lost=False))
-        selected = list[Gap]()
-        for item in items:
-            if isinstance(item, Gap) and item.kind is GapKind.SELECTED and not has_begun:
-                selected.append(item)  # it is about the recording that begins
-                continue
-            if isinstance(item, Rows) and len(item):
-                if not has_begun and self._ends.get(item.ports[item.port[0]]) != item.offset[0]:
-                    yield from begins
-                yield from selected if not has_begun else ()
-                has_begun = True
-                for code in np.unique(item.port).tolist():
-                    last = np.flatnonzero(item.port == code)[-1]
-                    stop = int(item.offset[last]) + int(item.length[last])
-                    self._ends[item.ports[code]] = stop
-            yield item
-        yield from selected if not has_begun else ()
+        yield from EventEffects(bauds).of(items)
 
     def _chained(self, inputs: Sequence[Input]) -> Iterator[Item]:
-        self.on_input(inputs[0].name)
-        yield from self._read(inputs[0])
-        for before, one in pairwise(inputs):
+        bauds = _bauds_of(inputs[:1])
+        for one in inputs:
             self.on_input(one.name)
-            if self._baud is None and (new := _bauds_of([one])) != _bauds_of([before]):
-                yield from (BaudChange(port, baud) for port, baud in new.items())
+            before, bauds = bauds, _bauds_of([one])
+            if self._baud is None and bauds != before:
+                yield from (BaudChange(port, baud) for port, baud in bauds.items())
             yield from self._read(one)
 
     def _read(self, one: Input, _is_beside: bool = False) -> Iterator[Item]:
         """The items of one input; an error of one of several is noted."""
-        has_rows = False
+        count, troubles = 0, Counter[PortEventKind]()
         try:
             for item in one.read(self.span, self.notes.append):
-                has_rows = has_rows or (isinstance(item, Rows) and len(item) > 0)
+                if isinstance(item, Rows):
+                    count += len(item)
+                elif isinstance(item, PortEvent):
+                    troubles[item.kind] += 1
                 yield item
         except FileError as error:
-            if len(self.inputs) == 1 and not has_rows:
+            if len(self.inputs) == 1 and not count:
                 raise
             self.unreadable.append(error)
             self.notes.append(str(error))
+        finally:
+            self._note_end(one, count, troubles)
+
+    def _note_end(self, one: Input, count: int, troubles: Counter[PortEventKind]) -> None:
+        """Note what was wrong with an input, and that it has no rows in the span."""
+        for kind, text in TROUBLES.items():
+            if number := troubles[kind]:
+                what = text.format(times="once" if number == 1 else f"{number:,} times")
+                self.notes.append(f"{one.name}: {what} while it was recorded")
+        if self.span is not None and not count:
+            with suppress(FteSniffError):
+                if (times := one.times()) is not None:
+                    first, last = map(iso_time, times)
+                    self.notes.append(
+                        f"{one.name}: none of its rows is between --from and --to; they go from"
+                        f" {first} to {last}"
+                    )
 
     def _counted(self, items: Iterable[Item]) -> Iterator[Item]:
         """Count the rows of items, and find the times of the gaps."""

@@ -14,9 +14,8 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Final, TypeVar
-from urllib.parse import urlsplit
 
-from fte_sniff.errors import FileError, FteSniffError, UsageError, quoted
+from fte_sniff.errors import FileError, FteSniffError, UsageError
 
 Group = TypeVar("Group")
 Result = TypeVar("Result")
@@ -55,20 +54,6 @@ def executor_of(jobs: int, cluster: str | None = None) -> Iterator[Executor]:
     else:
         with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
             yield pool
-
-
-def check_address(address: str) -> None:
-    """Raise UsageError if no scheduler can have that address."""
-    try:
-        parts = urlsplit(address if "://" in address else f"tcp://{address}")
-        is_valid = parts.scheme in ("tcp", "tls") and parts.hostname and parts.port
-    except ValueError:  # the port is not a number
-        is_valid = False
-    if not is_valid:
-        raise UsageError(
-            f"--cluster {quoted(address)} is not the address of a Dask scheduler; write it as"
-            " tcp://192.168.0.9:8786"
-        )
 
 
 @contextmanager

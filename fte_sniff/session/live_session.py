@@ -10,31 +10,27 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from queue import Empty, Queue
 from shutil import rmtree
 from subprocess import TimeoutExpired
-from threading import Thread
+from threading import Event, Thread
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.errors import TOO_MANY_FILES, FileError, PortError, TranslatableText
+from fte_sniff.errors import FileError, PortError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind
 from fte_sniff.protocol.rows import Item
 from fte_sniff.recording.reader import Recording
-from fte_sniff.session.capture_process import CapturePlan, capture
-from fte_sniff.session.control import CaptureState
+from fte_sniff.session.control import CapturePlan, CaptureState, send, start
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import EventEffects
 from fte_sniff.session.replay import update_of
-from fte_sniff.session.worker_process import start_worker, tell, value_in
 
 END_WITHIN_S = 5.0
 """Seconds without a message after which a capture that should end is killed."""
 
 WAIT_S = 0.1
-"""Seconds that one wait for the capture process lasts."""
+"""Seconds that one wait lasts in which Ctrl-C is noticed."""
 
 POLL_S = 0.02
 """Interval at which the file is polled."""
@@ -65,7 +61,12 @@ class LiveSession:
         Raises FileError if the working folder is gone.
         """
         self._plan, self._observe = plan, observe
-        _check_folder()
+        try:
+            Path.cwd()
+        except OSError as error:
+            raise FileError(
+                TranslatableText("the working folder is gone; go to another one with `cd`")
+            ) from error
         self.state = CaptureState()
         """The latest of the capture process."""
         self._effects = EventEffects(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
@@ -77,9 +78,9 @@ class LiveSession:
         """Monotonic time of the last state; many come every second while the capture works."""
         self._killed: str | None = None
         """Why the capture process was killed; None if it was not."""
-        self._process = start_worker(capture, plan)
-        self._states = Queue[CaptureState | None]()
-        """What the capture sent; None after the last."""
+        self._process = start(plan)
+        self._begun = Event()
+        """Set with the first state."""
         self._reader = Thread(target=self._read, name="reads states", daemon=True)
         self._reader.start()
 
@@ -89,8 +90,8 @@ class LiveSession:
         After a `stop` the capture may have ended already; see `poll`. Raises FteSniffError if
         the port cannot be opened, or the recording cannot be made.
         """
-        while not self.state.started and not self.state.is_ended:
-            self._receive(WAIT_S)
+        while not self._begun.wait(WAIT_S):
+            self._kill_if_overdue()
         if self.state.is_ended and self.state.error is not None:
             self.close()
             raise self.state.error
@@ -113,10 +114,12 @@ class LiveSession:
         """The next rows and events; empty after `timeout_s` seconds without any."""
         until_s = time.monotonic() + timeout_s
         while True:
-            self._receive_all(min(POLL_S, max(0.0, until_s - time.monotonic())))
+            self._kill_if_overdue()
             items = list(self._effects.of(self._follow()))
-            if items or not self._is_running or time.monotonic() >= until_s:
+            left_s = until_s - time.monotonic()
+            if items or not self._is_running or left_s <= 0:
                 break
+            time.sleep(min(POLL_S, left_s))
         update = update_of(self._feed_state(), items)
         if self._observe is not None:
             self._observe(update)
@@ -136,16 +139,18 @@ class LiveSession:
             if self._follower is None or self._follower.ended is not None:
                 if self._next_file >= len(self.state.recordings):
                     return []
-                path = self.state.recordings[self._next_file]
                 self._next_file += 1
-                reader = Recording(path, is_growing=True)
+                reader = Recording(
+                    Path(self.state.recordings[self._next_file - 1]), is_growing=True
+                )
                 self._follower = Follower(reader, goes_on=lambda: not self.state.is_ended)
             found = list[Item](self._follower.poll())
         except FileError as error:
             self._follower = None
             return [Gap(GapKind.NOT_SHOWN, reason=error.message)]
-        if self._follower.reader.path in self.state.recordings:
-            self._next_file = self.state.recordings.index(self._follower.reader.path) + 1
+        path = str(self._follower.reader.path)
+        if path in self.state.recordings:
+            self._next_file = self.state.recordings.index(path) + 1
         return found
 
     def stop(self) -> None:
@@ -156,9 +161,7 @@ class LiveSession:
         if not self.state.started:
             # Opening a port may take long, and no message is read meanwhile.
             self._process.terminate()
-        # If it has ended already, `wait` returns how.
-        with suppress(OSError):
-            tell(self._process, "stop")
+        send(self._process, b"stop")
 
     def hurry(self) -> None:
         """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.
@@ -173,13 +176,15 @@ class LiveSession:
         """End the capture and wait until its file is closed; discard further rows."""
         self.stop()
         while not self.state.is_ended:
-            self._receive_all(WAIT_S)
-        with self._process:  # closes its pipes at the end
-            try:
-                self._process.wait(END_WITHIN_S)
-            except TimeoutExpired:
-                self._process.kill()
-            self._reader.join(END_WITHIN_S)
+            self._kill_if_overdue()
+            self._reader.join(WAIT_S)
+        try:
+            self._process.wait(END_WITHIN_S)
+        except TimeoutExpired:
+            self._process.kill()
+        self._reader.join(END_WITHIN_S)
+        for stream in filter(None, (self._process.stdin, self._process.stdout)):
+            stream.close()
         if self._plan.is_temporary:
             rmtree(self._plan.recording.parent, ignore_errors=True)
 
@@ -190,14 +195,14 @@ class LiveSession:
         others = names[1:] if state.device is None else (state.device,)
         return FeedState(
             title=" + ".join((names[0], *others)),
-            recording=None if is_temporary or not state.recording else str(state.recording),
+            recording=None if is_temporary else state.recording,
             running=running,
             waiting=running and bool(self._effects.lost),
             ended=None if running else state.reason or TranslatableText("stopped"),
             trouble=self._trouble() if running else None,
             rows=state.rows,
-            files=() if is_temporary else tuple(map(str, state.recordings)),
-            recorded_bytes=state.bytes,
+            files=() if is_temporary else state.recordings,
+            recorded_bytes=state.size,
         )
 
     def _trouble(self) -> str | None:
@@ -216,41 +221,30 @@ class LiveSession:
     def _read(self) -> None:
         """Read the states, in a thread."""
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._states.put(value_in(line))
-        self._states.put(None)
+        for line in open(self._process.stdout.fileno(), "rb", closefd=False):  # noqa: SIM115
+            if line.endswith(b"\n"):  # or it was killed meanwhile
+                self.state, self._received_at_s = CaptureState.parse(line), time.monotonic()
+                self._begun.set()
+        if not self.state.is_ended:
+            self.state = self._without_result(self._killed or _UNEXPECTED)
+        self._begun.set()
 
-    def _receive_all(self, timeout_s: float) -> None:
-        """Take the states that came, or the first within a time."""
-        while not self.state.is_ended and self._receive(timeout_s):
-            timeout_s = 0
-
-    def _receive(self, timeout_s: float) -> bool:
-        """Take the next state within a time; False if none came."""
-        try:
-            state = self._states.get(timeout=timeout_s)
-        except Empty:
-            self._give_up_when_overdue()
-            return False
-        self._received_at_s = time.monotonic()
-        self.state = state or self._without_result(self._killed or self._exit_reason())
-        return True
-
-    def _give_up_when_overdue(self) -> None:
-        if self._stopped_at_s is None:
+    def _kill_if_overdue(self) -> None:
+        """Kill a capture that should end and sends nothing: it is stuck."""
+        if self._stopped_at_s is None or self.state.is_ended:
             return
-        # A capture that still has much to record keeps sending messages.
-        last_s = max(self._stopped_at_s, self._received_at_s)
-        if time.monotonic() > last_s + END_WITHIN_S:
+        # A capture that still has much to record keeps sending states.
+        if time.monotonic() > max(self._stopped_at_s, self._received_at_s) + END_WITHIN_S:
             self._process.kill()
-            self.state = self._without_result(_KILLED)
+            self.state = self._without_result(self._killed or _KILLED)
+            self._begun.set()
 
     def _without_result(self, reason: str) -> CaptureState:
         """The state of a capture that ended without one."""
         state = replace(self.state, is_ended=True)
         if self.stopping and not state.started:
             return state
-        error = FileError if reason in (TOO_MANY_FILES, _ENDED_EARLY) else PortError
+        error = FileError if reason is _ENDED_EARLY else PortError
         if state.recording is None or self._plan.is_temporary:
             failure = None if reason is _ENDED_EARLY else error(reason)
             return replace(state, reason=reason, error=failure)
@@ -261,18 +255,3 @@ class LiveSession:
             path=state.recording,
         )
         return replace(state, reason=reason, error=error(whole))
-
-    def _exit_reason(self) -> TranslatableText:
-        with suppress(TimeoutExpired):
-            if self._process.wait(END_WITHIN_S) == FileError.exit_code:
-                return TOO_MANY_FILES
-        return _UNEXPECTED
-
-
-def _check_folder() -> None:
-    try:
-        Path.cwd()
-    except OSError as error:
-        raise FileError(
-            TranslatableText("the working folder is gone; go to another one with `cd`")
-        ) from error

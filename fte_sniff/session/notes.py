@@ -63,17 +63,13 @@ class Note:
         key = RowKey(row.port, row.offset, row.t_ns)
         return cls(key, None if text is None else text[:MOST_TEXT])
 
-    def line(self) -> str:
+    def line(self) -> bytes:
         """The line of the file, with its end."""
         port, offset, t_ns = self.key
         time = None if t_ns is None else iso_time(t_ns)
         entry = {"time": time, "port": port, "offset": offset, "text": self.text}
-        line = json.dumps(entry, ensure_ascii=False) + "\n"
-        try:
-            line.encode()
-        except UnicodeEncodeError:  # a file name that is not UTF-8 has half characters
-            return json.dumps(entry) + "\n"
-        return line
+        # A file name that is not UTF-8 has half characters; JSON has the same escapes for them.
+        return json.dumps(entry, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
 
     @classmethod
     def parse(cls, line: str) -> Note:
@@ -173,7 +169,7 @@ class Notes:
             path = self.path_of(note.key)
             if path is not None:
                 try:
-                    _append(path, note.line().encode())
+                    _append(path, note.line())
                 except OSError as error:
                     text = "the notes are not saved: {path}: {why}"
                     return TranslatableText(text, path=path, why=reason_of(error))

@@ -15,7 +15,7 @@ from fte_sniff.errors import FteSniffError, TranslatableText
 from fte_sniff.protocol import Gap, GapKind, PortEvent
 from fte_sniff.protocol.items import Change
 from fte_sniff.protocol.rows import Item, Rows
-from fte_sniff.session.following import Following
+from fte_sniff.session.following import Follower
 from fte_sniff.session.merge import EVER
 
 MAX_READ_AHEAD = 6
@@ -57,7 +57,7 @@ class ReplaySession:
         title: str,
         total: int | None = None,
         files: Sequence[str] = (),
-        following: Following | None = None,
+        follower: Follower | None = None,
         *,
         plays: bool = False,
     ) -> None:
@@ -70,16 +70,16 @@ class ReplaySession:
             title: the name to show.
             total: approximate number of rows; None if unknown.
             files: paths of the files.
-            following: None for a file that does not grow.
+            follower: None for a file that does not grow.
             plays: whether the rows come one after the other, as in a capture.
         """
-        self._following, self._expected_rows, self._files = following, total, files
+        self._follower, self._expected_rows, self._files = follower, total, files
         self._source, self._title = items, title
         self._stop, self._resumed = threading.Event(), threading.Event()
         self._damage: str | None = None
         """The first damage; the end reports all."""
         self._rows, self._running, self._is_live = 0, True, plays
-        self._follows = plays or following is not None
+        self._follows = plays or follower is not None
         self._queue: queue.Queue[Item | None] = queue.Queue(MAX_READ_AHEAD)
         self._thread = threading.Thread(target=self._run, name="reads the file", daemon=True)
         self._thread.start()
@@ -103,7 +103,7 @@ class ReplaySession:
                 own = TranslatableText("the file is damaged: {loss}", loss=item.reason)
                 self._damage = self._damage or own
         self._is_live |= (
-            self._following is not None and self._following.is_up_to_date and self._queue.empty()
+            self._follower is not None and self._follower.is_up_to_date and self._queue.empty()
         )
         return update_of(self._state(), reads)
 
@@ -111,8 +111,8 @@ class ReplaySession:
         """Stop reading; does not block."""
         self._stop.set()
         self._resumed.set()
-        if self._following is not None:
-            self._following.stop()
+        if self._follower is not None:
+            self._follower.stop()
 
     def close(self) -> None:
         """Stop reading, and wait until it has stopped: it needs threads, which the exit ends."""
@@ -120,13 +120,13 @@ class ReplaySession:
         self._thread.join(CLOSE_WITHIN_S)
 
     def _state(self) -> FeedState:
-        following, ended = self._following, None
+        follower, ended = self._follower, None
         if not self._running:
-            ended = following.ended if following is not None else None
+            ended = follower.ended if follower is not None else None
             ended = self.error.message if self.error is not None else ended
         total = self._expected_rows if self._running else None
         return FeedState(
-            title=self._title if following is None else following.name,
+            title=self._title if follower is None else str(follower.reader.path),
             running=self._running,
             ended=ended,
             trouble=self._damage,

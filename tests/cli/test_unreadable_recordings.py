@@ -69,3 +69,13 @@ def test_the_other_files_are_read_too(run: Run, tmp_path: Path) -> None:
     done = run("decode", "x.mcap", "y.mcap", "--format", "jsonl")
     assert done.returncode == 4, done.stderr
     assert len(done.stdout.splitlines()) == 30
+
+
+def test_two_recordings_in_one_file_are_reported(run, samples: Path, tmp_path: Path) -> None:
+    """The second one's channels replace those of the first, and so its port's name."""
+    names, joined = ("clean.mcap", "motor3.mcap"), tmp_path / "joined.mcap"
+    joined.write_bytes(b"".join((samples / name).read_bytes() for name in names))
+    done = run("decode", joined, "--format", "csv")
+    rows = sum(len(run("decode", samples / one, "--format", "csv").stdout.split()) for one in names)
+    assert len(done.stdout.split()) == rows - 1
+    assert "another recording begins there, whose port names may replace" in done.stderr

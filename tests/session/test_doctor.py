@@ -9,7 +9,7 @@ from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
 from fte_sniff.capture.discovery import Holder, PortListing
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Direction, LineErrorCounts
+from fte_sniff.protocol import Direction
 from fte_sniff.session import doctor
 from fte_sniff.session.doctor import check_port, probe_finding, read_for, verdict_finding
 from tests.beside import Work
@@ -54,13 +54,6 @@ def test_what_comes_is_heard_until_it_is_enough_and_nothing_is_written(pty):
         assert read_for(pty.device, port, FOR_EVER_S, 500) == b"x" * 500
         assert read_for(pty.device, port, 0.05, 1) == b""
     assert pty.arrived() == b""
-
-
-def test_line_errors_are_reported_with_the_received_bytes(pty, monkeypatch):
-    counters = iter([LineErrorCounts(framing=3), LineErrorCounts(framing=5)])
-    monkeypatch.setattr(doctor, "counters_of", lambda _port: lambda: next(counters))
-    found = [one.what for one in check_port(pty.device, SETTINGS, 0.05, probe=False)]
-    assert found[1:3] == ["line errors counted", "line errors while listening: 2 framing"]
 
 
 def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):

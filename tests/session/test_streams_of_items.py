@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     Chunk,
@@ -27,8 +25,7 @@ from fte_sniff.protocol.items import BaudChange
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.recorder import Outcome, Recorder, RecordingOptions
-from fte_sniff.session.control import CaptureState
+from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import (
     EventEffects,
@@ -38,7 +35,6 @@ from fte_sniff.session.inputs import (
     with_facts,
 )
 from fte_sniff.session.merge import Timed, merged
-from fte_sniff.session.worker_process import line_of, value_in
 
 SECOND = 10**9
 SPEED = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
@@ -220,15 +216,3 @@ def test_an_error_of_the_disk_between_flushes_stops_the_file(
     recorder.close()
     assert recorder.failure is not None
     assert "Input/output error" in recorder.failure.message
-
-
-def test_a_state_is_one_line_that_gives_the_state() -> None:
-    error = FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))
-    outcome = Outcome(Path("a"), Path("b"), 1, 2)
-    state = CaptureState((Path("é.mcap"),), None, "/dev/pts/3", error, outcome=outcome, rows=12)
-    line = line_of(state)
-    assert line.count(b"\n") == 1
-    found = value_in(line)
-    assert isinstance(found.error, FileError)
-    assert found.error.message.values == error.message.values  # type: ignore[attr-defined]
-    assert replace(found, error=error) == state
