@@ -93,7 +93,7 @@ def stands_still(recording: Path) -> None:
 def assert_all_is_well(run, screen: Terminal, recording: Path) -> None:
     """The program has ended, with all that it had started, and the recording is whole."""
     assert screen.process.wait(BOUND_S) in (0, -signal.SIGHUP)
-    wait_until(lambda: in_session(screen.process.pid) == [])
+    wait_until(lambda: in_session(screen.process.pid) == [] and holding(recording) == [])
     assert_whole(run, recording)
 
 
