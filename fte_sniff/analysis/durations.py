@@ -9,14 +9,14 @@ The number of a bin is the start of a float: its exponent and the next ten bits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from fte_sniff.analysis.segments import Counts
+from fte_sniff.analysis.segments import Counts, added
 from fte_sniff.protocol.rows import Ints
 
 Floats: TypeAlias = "npt.NDArray[np.float64]"
@@ -28,8 +28,6 @@ COARSE: Final = 6
 """As `FINE`, where the bins of many spans of time are kept: 64 an octave, of 1.1 %."""
 
 _MANTISSA: Final = 52
-
-NO_BINS: Final[Ints] = np.zeros(0, np.int64)
 
 
 def bins_of(durations_ns: Ints, bits: int = FINE) -> Ints:
@@ -45,22 +43,19 @@ def middles(bins: Ints, bits: int = FINE) -> Floats:
 
 
 def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: str) -> Counts:
-    """The durations of a column, of which negative ones are left out, by keys.
+    """The durations of a column, of which negative ones are left out, by keys and bin.
 
-    `until` are the times of their ends. The counts `NAME bins` have a row for each bin, `NAME
-    longest` one for each key.
+    `until` are the times of their ends.
     """
     own = frame.select(*keys, ns=ns, until=until).filter(pl.col("ns") >= 0)
     own = own.with_columns(bin=pl.Series(bins_of(own["ns"].to_numpy()), dtype=pl.Int64))
     return {
-        f"{name} bins": own.group_by(*keys, "bin").agg(pl.len().cast(pl.Int64).alias("sum count")),
-        f"{name} longest": own.group_by(*keys).agg(
+        name: own.group_by(*keys, "bin").agg(
             pl.len().cast(pl.Int64).alias("sum count"),
-            pl.col("ns").sum().alias("sum ns"),
             pl.col("ns").min().alias("least ns"),
             pl.col("until").get(pl.col("ns").arg_max()).alias("until ns"),
             pl.col("ns").max().alias("greatest ns"),
-        ),
+        )
     }
 
 
@@ -68,33 +63,31 @@ def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: 
 class Durations:
     """Durations that were counted."""
 
-    count: int = 0
+    bins: Ints
+    """The bins that are not empty, rising."""
+    counts: Ints
+    """The number of durations in each of them."""
     least_ns: int | None = None
     longest_ns: int | None = None
     longest_until_ns: int | None = None
     """The end of the longest one; the first of several."""
-    bins: Ints = field(default_factory=lambda: NO_BINS)
-    """The bins that are not empty, rising."""
-    counts: Ints = field(default_factory=lambda: NO_BINS)
-    """The number of durations in each of them."""
 
     @classmethod
     def of(cls, counts: Counts, name: str, **keys: object) -> Durations:
         """Those with some keys."""
-        longest = chosen(counts[f"{name} longest"], **keys).to_dicts()
-        if not longest:
-            return cls()
-        bins = chosen(counts[f"{name} bins"], **keys).group_by("bin").agg(pl.col("sum count").sum())
-        bins = bins.sort("bin")
-        best = max(longest, key=lambda one: one["greatest ns"])
-        return cls(
-            sum(one["sum count"] for one in longest),
-            min(one["least ns"] for one in longest),
-            best["greatest ns"],
-            best["until ns"],
-            bins["bin"].to_numpy(),
-            bins["sum count"].to_numpy(),
-        )
+        names = ("sum count", "least ns", "greatest ns", "until ns")
+        found = added([chosen(counts[name], **keys).select("bin", *names)]).sort("bin")
+        own = cls(found["bin"].to_numpy(), found["sum count"].to_numpy())
+        if not len(found):
+            return own
+        last = found.row(-1, named=True)
+        ends = (found["least ns"][0], last["greatest ns"], last["until ns"])
+        return cls(own.bins, own.counts, *ends)
+
+    @property
+    def count(self) -> int:
+        """The number of durations."""
+        return int(self.counts.sum())
 
     def percentile_ns(self, percent: float) -> float | None:
         """A percentile, above 0 to 100, within 0.05 %; None without durations."""
@@ -104,11 +97,6 @@ class Durations:
         at = int(np.searchsorted(np.cumsum(self.counts), rank))
         middle = float(middles(self.bins[at : at + 1])[0])
         return min(max(middle, float(self.least_ns)), float(self.longest_ns))
-
-    def between(self, low_ns: float, high_ns: float) -> int:
-        """The number of durations in the bins whose middle is in [`low_ns`, `high_ns`)."""
-        own = middles(self.bins)
-        return int(self.counts[(own >= low_ns) & (own < high_ns)].sum())
 
 
 def chosen(frame: pl.DataFrame, **keys: object) -> pl.DataFrame:

@@ -10,7 +10,7 @@ motor    commands, answers, flags
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ import polars as pl
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, summed
-from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
+from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol import PortEventKind, iso_time
 from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import (
@@ -100,29 +100,19 @@ def _named(counts: pl.DataFrame, ports: pl.Series, sources: pl.Series) -> pl.Dat
 
 
 def _flags(table: Table) -> pl.DataFrame:
-    """Feedback by motor and what it reports: `bit` 0 to 7 of ERROR, 8 for offline, -1 for any.
-
-    What is offline is about the motor's bit in feedback of any motor; `sum lost` is how often it
-    changed from set to not set.
-    """
+    """Feedback by motor, ERROR, ONLINE, and the bits of ONLINE that the one before it had set."""
     rows, at = table.rows, np.flatnonzero(FEEDBACK[table.rows.kinds[: table.stop]])
     if table.selected is not None:
         at = at[table.selected[at]]
-    is_own = at >= table.start
     errors, online = (values_at(rows, NAME_OF_ROLE[one], at) for one in (Role.ERRORS, Role.ONLINE))
-    found = list[tuple[int, int, int, int, int | None, int | None]]()
-    for motor in MOTORS:
-        mine = is_own & (rows.nums[at] == motor)
-        is_on = online >> motor_bit(motor) & 1 == 1
-        lost = np.append(False, is_on[:-1] & ~is_on[1:])[: len(at)] & is_own
-        bits = int(np.bitwise_or.reduce(errors[mine]))
-        reports = {bit: mine & (errors >> bit & 1 == 1) for bit in range(8) if bits >> bit & 1}
-        for bit, which in {-1: mine, **reports, 8: is_own & ~is_on}.items():
-            t_ns = rows.t_ns[at[which & rows.timed[at]]]
-            ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
-            found.append((motor, bit, int(which.sum()), int(lost.sum()) * (bit == 8), *ends))
-    names = ("motor", "bit", "sum frames", "sum lost", "least t", "greatest t")
-    return pl.DataFrame(found, dict.fromkeys(names, pl.Int64), orient="row")
+    lost = np.append(0, online[:-1])[: len(at)] & ~online
+    columns = {"motor": rows.nums[at].astype(np.int64), "error": errors, "online": online}
+    own = pl.DataFrame({**columns, "lost": lost, "t_ns": times(rows.t_ns[at])})
+    return own.filter(pl.Series(at >= table.start)).group_by(*columns, "lost").agg(
+        pl.len().cast(pl.Int64).alias("sum frames"),
+        pl.col("t_ns").min().alias("least t"),
+        pl.col("t_ns").max().alias("greatest t"),
+    )
 
 
 def _events(table: Table) -> pl.DataFrame:
@@ -176,12 +166,12 @@ def _files(counts: Counts) -> Iterator[Json]:
             yield {"name": name, **_extent(chosen(counts["rows"], source=name))}
 
 
+def _size(rows: pl.DataFrame) -> Json:
+    return {"rows": int(rows["sum rows"].sum()), "bytes": int(rows["sum bytes"].sum())}
+
+
 def _extent(rows: pl.DataFrame) -> Json:
-    return {
-        "rows": int(rows["sum rows"].sum()),
-        "bytes": int(rows["sum bytes"].sum()),
-        **_times(rows),
-    }
+    return {**_size(rows), **_times(rows)}
 
 
 def _times(counts: pl.DataFrame) -> Json:
@@ -199,19 +189,19 @@ def _seconds(ns: float | None) -> float | None:
     return None if ns is None else ns / 1e9
 
 
-def _having(rows: pl.DataFrame, faults: Iterable[int]) -> pl.DataFrame:
-    return rows.filter(pl.col("faults").is_in([*faults]))
+def _having(counts: pl.DataFrame, name: str, bits: int) -> pl.DataFrame:
+    """The counts with one of some bits in a column."""
+    return counts.filter(pl.col(name) & bits != 0)
 
 
 def _statuses(rows: pl.DataFrame) -> Json:
-    found, bits = {}, rows["faults"].unique().to_list()
-    for status in Status:
-        own = _having(rows, (one for one in bits if status_of(faults_in(one)) is status))
-        found[str(status)] = {
-            "rows": int(own["sum rows"].sum()),
-            "bytes": int(own["sum bytes"].sum()),
-        }
-    return found
+    of = {bits: status_of(faults_in(bits)) for bits in rows["faults"].unique()}
+    return {
+        str(status): _size(
+            rows.filter(pl.col("faults").is_in([bits for bits in of if of[bits] is status]))
+        )
+        for status in Status
+    }
 
 
 def _port(counts: Counts, port: str, baud: int) -> Json:
@@ -237,10 +227,9 @@ def _port(counts: Counts, port: str, baud: int) -> Json:
 
 def _faults(rows: pl.DataFrame) -> Iterator[Json]:
     """The faults that occurred; a row counts for each of its own."""
-    total = _extent(rows)
+    total = _size(rows)
     for fault in Fault:
-        bit = fault_bits([fault])
-        own = rows.filter(pl.col("faults") & bit != 0)
+        own = _having(rows, "faults", fault_bits([fault]))
         if len(own):
             extent = _extent(own)
             yield {
@@ -299,25 +288,25 @@ def _motor(counts: Counts, motor: int, *, known: bool) -> Json:
     total, answered = sum(states.values()), states.get(AnswerState.ANSWERED, 0)
     unanswered = states.get(AnswerState.UNANSWERED, 0)
     is_covered = answered or unanswered or AnswerState.UNCOVERED not in states
-    delays = Durations.of(counts, "delays", motor=motor) if known else Durations()
-    flags = chosen(counts["flags"], motor=motor)
-    offline = chosen(flags, bit=8)
+    delays = Durations.of(counts, "delays", motor=motor if known else None)
+    flags, bit = counts["flags"], 1 << motor_bit(motor)
+    own, offline = chosen(flags, motor=motor), flags.filter(pl.col("online") & bit == 0)
     return {
         MOTOR: motor,
         "commands": total,
-        "feedback": int(chosen(flags, bit=-1)["sum frames"].sum()),
+        "feedback": int(own["sum frames"].sum()),
         "answered": answered if known else None,
         "unanswered": unanswered if known and is_covered else None,
         "neither": total - answered - unanswered if known else None,
         "delay": _durations(delays),
         "error_bits": [
-            {"bit": bit, "frames": frames, **_times(chosen(flags, bit=bit))}
-            for bit, frames in flags.select("bit", "sum frames").sort("bit").iter_rows()
-            if frames and 0 <= bit < 8
+            {"bit": number, "frames": int(raised["sum frames"].sum()), **_times(raised)}
+            for number in range(8)
+            if len(raised := _having(own, "error", 1 << number))
         ],
         "offline": {
             "frames": int(offline["sum frames"].sum()),
-            "times_lost": int(offline["sum lost"].sum()) if known else None,
+            "times_lost": int(_having(flags, "lost", bit)["sum frames"].sum()) if known else None,
             **_times(offline),
         },
     }

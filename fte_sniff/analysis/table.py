@@ -97,8 +97,8 @@ class Table:
         found = found.filter(pl.Series(counts[found["command"].to_numpy()], dtype=pl.Boolean))
         t_ns = np.append(self.rows.t_ns, NO_TIME)
         return found.with_columns(
-            t_ns=_times(t_ns[found["command"].to_numpy()]),
-            end_ns=_times(t_ns[found["answer"].to_numpy()]),
+            t_ns=times(t_ns[found["command"].to_numpy()]),
+            end_ns=times(t_ns[found["answer"].to_numpy()]),
         )
 
     @cached_property
@@ -141,7 +141,7 @@ class Table:
         on_port = row_before(port_keys(rows), runs)
         begins_ns = np.where(on_port == NONE, t_ns, ends_ns[on_port] if len(at) else t_ns)
         columns = {
-            "t_ns": _times(t_ns),
+            "t_ns": times(t_ns),
             "port": pl.Series(rows.port),
             "kind": _known(kinds, is_kind),
             MOTOR: _known(rows.nums, NAMES_MOTOR[kinds] & is_kind),
@@ -150,7 +150,7 @@ class Table:
             "length": pl.Series(rows.length.astype(np.int64)),
             "source": pl.Series(self.source[at].astype(np.uint32)),
             "run": pl.Series(runs.number),
-            "end_ns": _times(ends_ns),
+            "end_ns": times(ends_ns),
             "period_ns": _since(t_ns, t_ns, before),
             "step_ns": _since(t_ns, t_ns, on_port),
             "idle_ns": _since(t_ns, ends_ns, on_port),
@@ -170,7 +170,7 @@ def _known(values: Array, known: Bools) -> pl.Series:
     )
 
 
-def _times(t_ns: Ints) -> pl.Series:
+def times(t_ns: Ints) -> pl.Series:
     """Times, null where they are `NO_TIME`."""
     return _known(t_ns, t_ns != NO_TIME)
 
