@@ -236,12 +236,12 @@ def _gaps(table: Table, matches: Bools, rule: Rule) -> Counted:
 
     Runs in which a port is lost count only between two matching rows.
     """
-    rows, runs = table.rows, table.runs.number
+    rows, runs = table.rows, table.runs["number"]
     timed = np.flatnonzero(rows.timed[: table.stop])
     if table.selected is not None:
         timed = timed[table.selected[timed]]
     ends = np.diff(runs[timed], prepend=-1, append=2**62) != 0
-    ends = (ends[:-1] | ends[1:]) & ~table.runs.lost[timed]
+    ends = (ends[:-1] | ends[1:]) & ~table.runs["lost"][timed]
     at = timed[matches[timed] | ends]
     gaps = np.diff(rows.t_ns[at])
     gaps[(np.diff(runs[at]) != 0) | (at[1:] < table.start)] = 0

@@ -21,7 +21,6 @@ import polars.selectors as cs
 
 from fte_sniff.protocol import (
     COLUMNS,
-    FRAME_LENGTH,
     Column,
     ColumnType,
 )
@@ -70,11 +69,6 @@ def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFram
     return pl.DataFrame([_series(rows, column).alias(column.name) for column in wanted])
 
 
-_HEX_PAIRS: Final = np.frombuffer(
-    b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
-)
-
-
 def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
@@ -88,19 +82,19 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     return _looked_up(words, values, dtype)
 
 
+_HEX_PAIRS: Final = np.frombuffer(
+    b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
+)
+
+
 def _raw(rows: Rows) -> pl.Series:
-    digits = _HEX_PAIRS[rows.raw[:, :FRAME_LENGTH]].view(np.uint8)
-    texts = (
-        pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * FRAME_LENGTH))
-        .cast(pl.List(pl.UInt8()))
-        .cast(pl.Binary())
-        .cast(pl.String())
-    )
-    odd = np.flatnonzero(rows.length != FRAME_LENGTH)
-    if not odd.size:
+    width = int(rows.length.max(initial=1))
+    digits = _HEX_PAIRS[rows.raw[:, :width]].view(np.uint8)
+    whole = pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * width))
+    texts = whole.cast(pl.List(pl.UInt8())).cast(pl.Binary()).cast(pl.String())
+    if (rows.length == width).all():
         return texts
-    raws = [row.raw.hex().upper() for row in rows.select(odd)]
-    return texts.scatter(pl.Series(odd), pl.Series(raws))
+    return texts.str.head(pl.Series(2 * rows.length.astype(np.int64)))
 
 
 def _with_nulls(numbers: Array, known: Bools | None) -> pl.Series:

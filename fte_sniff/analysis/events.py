@@ -181,7 +181,7 @@ class _Counter:
 def counted(table: Table) -> Counts:
     """The counts of a table: `windows`, `delays`, and those of `extent_of`."""
     timed = np.flatnonzero(table.rows.timed)
-    rows, runs = table.rows.select(timed), table.runs.number[timed]
+    rows, runs = table.rows.select(timed), table.runs["number"][timed]
     hints = motor_hints(table.rows, table.runs)[timed]
     is_own = (timed >= table.start) & (timed < table.stop)
     counter = _Counter(rows.t_ns, is_own)

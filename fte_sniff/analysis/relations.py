@@ -16,9 +16,8 @@ relations of a batch together with the rows before and after it that they depend
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, cast
+from typing import Final, TypeAlias, cast
 
 import numpy as np
 import polars as pl
@@ -31,6 +30,7 @@ from fte_sniff.protocol.rows import (
     NO_FACT,
     NO_KIND,
     NO_TIME,
+    Array,
     Bools,
     Ints,
     Rows,
@@ -80,69 +80,36 @@ def values_at(rows: Rows, name: str, at: Ints) -> Ints:
 # Runs
 
 
-@dataclass(frozen=True, slots=True)
-class Runs:
-    """Runs of rows without a gap between them; nothing is measured from one to the next."""
+Runs: TypeAlias = Array
+"""Runs of rows without a gap between them; nothing is measured from one to the next. By row:
 
-    number: Ints
-    """Of the run, by row, rising."""
-    feedback_seen: Bools
-    """By row, whether feedback came before it in its recording."""
-    lost: Bools
-    """By row, whether a port is lost."""
-    hidden: Bools
-    """By row, whether the recording has only rows that a filter selected."""
+    number          of its run, rising
+    feedback_seen   whether feedback came before it in its recording
+    lost            whether a port is lost
+    hidden          whether the recording has only rows that a filter selected
+"""
 
-    @property
-    def ends(self) -> Ints:
-        """By run, the index after its last row."""
-        last = int(self.number[-1]) if len(self.number) else -1
-        return np.searchsorted(self.number, np.arange(last + 1), "right")
+RUN: Final = np.dtype([("number", "i4"), ("feedback_seen", "?"), ("lost", "?"), ("hidden", "?")])
 
-    @property
-    def covered(self) -> Bools:
-        """By row, whether a command there can be known to be unanswered."""
-        return self.feedback_seen & ~self.lost & ~self.hidden
-
-    def select(self, at: Ints) -> Runs:
-        """The runs of some of the rows, by rising indices."""
-        number = self.number[at]
-        number -= number[:1].sum()
-        return Runs(number, self.feedback_seen[at], self.lost[at], self.hidden[at])
-
-    def followed_by(self, later: Runs) -> Runs:
-        """These runs and those of the rows that follow, of which `runs_of` got these."""
-        number = later.number + self.number[-1:].sum()
-        return Runs(
-            np.concatenate((self.number, number)),
-            np.concatenate((self.feedback_seen, later.feedback_seen)),
-            np.concatenate((self.lost, later.lost)),
-            np.concatenate((self.hidden, later.hidden)),
-        )
+NO_RUNS: Final[Runs] = np.zeros(0, RUN)
 
 
-def runs_of(rows: Rows, changes: Iterable[Change] = (), before: Runs | None = None) -> Runs:
+def runs_of(rows: Rows, changes: Iterable[Change] = (), before: Runs = NO_RUNS) -> Runs:
     """The runs of rows with changes between them; `before` are those of the rows before."""
-    gaps = [(one.index, one.what) for one in changes if isinstance(one.what, Gap)]
-    at, starts = np.arange(len(rows)), np.unique([index for index, _ in gaps])
-    recording = np.zeros(len(rows), np.int64)
-    feedback_seen, lost, hidden = (np.zeros(len(rows), np.bool_) for _ in range(3))
-    if before is not None and len(before.number):
-        feedback_seen[:], lost[:], hidden[:] = (
-            before.feedback_seen[-1],
-            before.lost[-1],
-            before.hidden[-1],
-        )
-    for index, gap in gaps:
+    found, recording = np.zeros(len(rows), RUN), np.zeros(len(rows), np.int64)
+    found[:] = before[-1] if len(before) else 0
+    for index, gap in ((one.index, one.what) for one in changes if isinstance(one.what, Gap)):
+        later = found[index:]
+        later["number"] += 1
         if gap.kind is GapKind.OTHER_RECORDING:
-            recording[index:], feedback_seen[index:], hidden[index:] = index, False, False
+            recording[index:], later["feedback_seen"], later["hidden"] = index, False, False
         if gap.kind is GapKind.SELECTED:
-            hidden[index:] = True
+            later["hidden"] = True
         if gap.port_lost is not None:
-            lost[index:] = gap.port_lost
+            later["lost"] = gap.port_lost
     feedback = np.append(np.flatnonzero(FEEDBACK[rows.kinds]), len(rows))
-    feedback_seen |= at >= feedback[np.searchsorted(feedback, recording)]
-    return Runs(np.searchsorted(starts, at, side="right"), feedback_seen, lost, hidden)
+    found["feedback_seen"] |= np.arange(len(rows)) >= feedback[np.searchsorted(feedback, recording)]
+    return found
 
 
 def row_before(keys: Ints, runs: Runs) -> Ints:
@@ -150,12 +117,13 @@ def row_before(keys: Ints, runs: Runs) -> Ints:
     found, at = np.full(len(keys), NONE, np.int64), np.flatnonzero(keys >= 0)
     if not len(at):
         return found
-    groups = runs.number[at] * (int(keys.max()) + 1) + keys[at]
+    number = (runs["number"][at] - runs["number"][0]).astype(np.int64)
+    groups = number * (int(keys.max()) + 1) + keys[at]
     # Numpy sorts numbers of 16 bits in linear time.
     is_small = int(groups.max()) < 1 << 16
     order = at[np.argsort(groups.astype(np.uint16) if is_small else groups, kind="stable")]
     same = (keys[order[1:]] == keys[order[:-1]]) & (
-        runs.number[order[1:]] == runs.number[order[:-1]]
+        runs["number"][order[1:]] == runs["number"][order[:-1]]
     )
     found[order[1:][same]] = order[:-1][same]
     return found
@@ -222,8 +190,7 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
 def _answers_of(rows: Rows, runs: Runs, motor: int, commands: Ints, feedback: Ints) -> pl.DataFrame:
     cmds, count = rows.cmds[commands], len(rows)
     t_ns = np.append(rows.t_ns, NO_TIME)
-    all_ends = runs.ends
-    run_ends = all_ends[runs.number[commands]]
+    run_ends = np.searchsorted(runs["number"], runs["number"][commands], "right")
     ends = np.minimum(np.append(commands[1:], count), run_ends)
     answer = np.full(len(commands), count)
     for cmd in ANSWERABLE:
@@ -238,12 +205,12 @@ def _answers_of(rows: Rows, runs: Runs, motor: int, commands: Ints, feedback: In
     overdue = (ends < run_ends) | ((t_ns[commands] != NO_TIME) & (waited > DEADLINE_NS))
     state = np.full(len(commands), AnswerState.UNKNOWN)
     missing = ~is_answered & overdue & np.isin(cmds, ANSWERABLE)
-    state[missing] = np.where(
-        runs.covered[commands[missing]], AnswerState.UNANSWERED, AnswerState.UNCOVERED
-    )
+    own = runs[commands]
+    is_covered = own["feedback_seen"] & ~own["lost"]
+    state[missing & is_covered] = AnswerState.UNANSWERED
+    state[missing & ~is_covered] = AnswerState.UNCOVERED
     state[is_answered] = AnswerState.ANSWERED
-    hidden = runs.hidden[commands]
-    state[hidden], is_answered[hidden] = AnswerState.HIDDEN, False
+    state[own["hidden"]], is_answered[own["hidden"]] = AnswerState.HIDDEN, False
     return pl.DataFrame(
         {
             "command": commands,
@@ -309,7 +276,7 @@ def _near(rows: Rows, runs: Runs, frames: Ints, numbers: Ints, at: Ints) -> tupl
     found = frames[np.clip(numbers, 0, len(frames) - 1)]
     own, t_ns = rows.t_ns[found], rows.t_ns[at]
     far = (own != NO_TIME) & (t_ns != NO_TIME) & (np.abs(own - t_ns) > DEADLINE_NS)
-    own_run = runs.number[found] == runs.number[at]
+    own_run = runs["number"][found] == runs["number"][at]
     return found, (numbers >= 0) & (numbers < len(frames)) & own_run & ~far
 
 
@@ -329,7 +296,7 @@ def _asked_motors(rows: Rows, runs: Runs, frames: Ints, at: Ints) -> Ints:
     end = np.searchsorted(frames, at)
     (last, near), (before, _) = (_near(rows, runs, frames, end - by, at) for by in (1, 2))
     alone = ~COMMANDS[rows.kinds[before]] | (rows.nums[before] == rows.nums[last])
-    alone |= (end < 2) | (runs.number[before] != runs.number[at])
+    alone |= (end < 2) | (runs["number"][before] != runs["number"][at])
     asked = near & COMMANDS[rows.kinds[last]] & alone
     return np.where(asked, rows.nums[last].astype(np.int64), NO_FACT)
 

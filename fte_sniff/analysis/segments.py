@@ -114,7 +114,7 @@ class Segments:
     def _joined(self) -> Table:
         """The rows that wait, after those that were kept."""
         before, rows = self._before, Rows.concat(self._rows)
-        runs = before.runs.followed_by(runs_of(rows, self._changes, before.runs))
+        runs = np.append(before.runs, runs_of(rows, self._changes, before.runs))
         bauds, byte_ns = dict(before.bauds), np.zeros(len(rows), np.int64)
         default = self._baud or DEFAULT_BAUD
         for code, port in enumerate(rows.ports):
@@ -149,7 +149,7 @@ class Segments:
             kept = np.union1d(kept, self._keep(table))
         return Table(
             table.rows.select(kept),
-            table.runs.select(kept),
+            table.runs[kept],
             int(np.searchsorted(kept, table.stop)),
             0,
             table.byte_ns[kept],
@@ -186,7 +186,7 @@ def context_of(table: Table) -> Ints:
     """
     stop = table.stop
     rows, recent = table.rows.select(slice(0, stop)), second_before(table.rows, stop)
-    number = table.runs.number[:stop]
+    number = table.runs["number"][:stop]
     needed = [np.arange(recent, len(table.rows)), np.searchsorted(number, number[-1:])]
     for some in (None, table.selected):
         at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])

@@ -108,10 +108,14 @@ def _flags(table: Table) -> pl.DataFrame:
     lost = np.append(0, online[:-1])[: len(at)] & ~online
     columns = {"motor": rows.nums[at].astype(np.int64), "error": errors, "online": online}
     own = pl.DataFrame({**columns, "lost": lost, "t_ns": times(rows.t_ns[at])})
-    return own.filter(pl.Series(at >= table.start)).group_by(*columns, "lost").agg(
-        pl.len().cast(pl.Int64).alias("sum frames"),
-        pl.col("t_ns").min().alias("least t"),
-        pl.col("t_ns").max().alias("greatest t"),
+    return (
+        own.filter(pl.Series(at >= table.start))
+        .group_by(*columns, "lost")
+        .agg(
+            pl.len().cast(pl.Int64).alias("sum frames"),
+            pl.col("t_ns").min().alias("least t"),
+            pl.col("t_ns").max().alias("greatest t"),
+        )
     )
 
 

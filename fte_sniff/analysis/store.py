@@ -19,15 +19,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from tempfile import TemporaryFile
 from typing import Final
 
 import numpy as np
 
-from fte_sniff.analysis.relations import FEEDBACK, Runs, runs_of
+from fte_sniff.analysis.relations import RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
-from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
+from fte_sniff.protocol.items import BaudChange, Change, Gap, PortEvent
 from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
@@ -57,8 +58,8 @@ class RowStore:
         """The ports so far."""
         self.marks = list[Mark]()
         """Gaps, port events and baud changes, in their order."""
-        self._heard = {0: NEVER}
-        """By the first index of each recording, that of its first feedback."""
+        self._starts, self._runs = np.zeros(1, np.int64), np.zeros(1, RUN)
+        """The first index of each run, and the run."""
         self.next = 0
         """Index of the next row: the number of all rows so far."""
         self.known = 0
@@ -70,8 +71,6 @@ class RowStore:
             self._add(item)
         else:
             self.marks.append(Mark(self.next, item))
-            if isinstance(item, Gap) and item.kind is GapKind.OTHER_RECORDING:
-                self._heard[self.next] = NEVER
         for table in self._segments.push(item):
             self._complete(table)
 
@@ -82,10 +81,13 @@ class RowStore:
 
     def _add(self, rows: Rows) -> None:
         start, self.next = self.next, self.next + len(rows)
-        recording = next(reversed(self._heard))
-        if self._heard[recording] == NEVER and (at := np.flatnonzero(FEEDBACK[rows.kinds])).size:
-            self._heard[recording] = start + int(at[0])
         self.ports = tuple(dict.fromkeys((*self.ports, *rows.ports)))
+        since = takewhile(lambda one: one.index == start, reversed(self.marks))
+        gaps = [Change(0, one.what) for one in since if isinstance(one.what, Gap)]
+        runs = runs_of(rows, gaps[::-1], self._runs[-1:])
+        at = np.flatnonzero(runs != np.append(self._runs[-1:], runs[:-1])[: len(runs)])
+        self._starts = np.append(self._starts, start + at)
+        self._runs = np.append(self._runs, runs[at])
         columns = rows.with_ports(self.ports).columns
         for block, own, part in self._parts(start, self.next):
             for name, values in columns.items():
@@ -133,19 +135,7 @@ class RowStore:
     def runs(self, start: int, end: int) -> Runs:
         """The runs of the rows of a span."""
         start, end = max(0, start), min(end, self.next)
-        rows, before = self.batch(start, end), [one for one in self.marks if one.index <= start]
-        gaps = [one.what for one in before if isinstance(one.what, Gap)]
-        recording = max((first for first in self._heard if first <= start), default=0)
-        feedback_seen = start > self._heard[recording]
-        state = runs_of(NO_FRAME, [Change(0, gap) for gap in gaps])
-        state = Runs(state.number * 0, np.array([feedback_seen]), state.lost, state.hidden)
-        inside = (one for one in self.marks if start < one.index < end)
-        changes = [
-            Change(one.index - start, one.what)
-            for one in inside
-            if not isinstance(one.what, PortEvent)
-        ]
-        return runs_of(rows, changes, state)
+        return self._runs[np.searchsorted(self._starts, np.arange(start, end), "right") - 1]
 
     def index_at(self, t_ns: int) -> int:
         """The index of the first row that is not before a time, or after the last row.
@@ -161,13 +151,6 @@ class RowStore:
                 return int(part.start + np.searchsorted(rising, t_ns))
             latest = last
         return self.next
-
-
-NEVER: Final = 2**62
-"""An index after all rows."""
-
-NO_FRAME: Final = Rows.blank(1, framed=[False], length=[1])
-"""A row that is not a frame."""
 
 
 def _block(size: int, *, in_file: bool) -> dict[str, Array]:

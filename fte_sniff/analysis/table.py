@@ -20,6 +20,7 @@ import polars as pl
 
 from fte_sniff.analysis.relations import (
     NAMES_MOTOR,
+    NO_RUNS,
     NONE,
     Runs,
     answers,
@@ -133,7 +134,7 @@ class Table:
         if self.selected is not None:
             at = at[self.selected[: self.stop]]
         own = np.searchsorted(at, self.start)
-        rows, runs = self.rows.select(at), self.runs.select(at)
+        rows, runs = self.rows.select(at), self.runs[at]
         t_ns, kinds = rows.t_ns, rows.kinds
         is_kind = (kinds != NO_KIND) & (~NAMES_MOTOR[kinds] | np.isin(rows.nums, MOTORS))
         ends_ns = np.where(rows.timed, t_ns + rows.length * self.byte_ns[at], NO_TIME)
@@ -149,7 +150,7 @@ class Table:
             "faults": pl.Series(rows.faults),
             "length": pl.Series(rows.length.astype(np.int64)),
             "source": pl.Series(self.source[at].astype(np.uint32)),
-            "run": pl.Series(runs.number),
+            "run": pl.Series(runs["number"]),
             "end_ns": times(ends_ns),
             "period_ns": _since(t_ns, t_ns, before),
             "step_ns": _since(t_ns, t_ns, on_port),
@@ -183,5 +184,5 @@ def _since(t_ns: Ints, earlier_ns: Ints, at: Ints) -> pl.Series:
     return _known(np.where(known, t_ns - earlier_ns[at], 0), known)
 
 
-EMPTY: Final = Table.of(NO_ROWS, Runs(*(np.zeros(0, one) for one in (np.int64, *[np.bool_] * 3))))
+EMPTY: Final = Table.of(NO_ROWS, NO_RUNS)
 """A table without rows."""

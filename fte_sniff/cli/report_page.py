@@ -72,7 +72,7 @@ def counted(table: Table) -> Counts:
     Rows without a time have no place in a plot.
     """
     at = table.counted[table.rows.timed[table.counted]]
-    rows, number = table.rows.select(at), table.runs.number[at]
+    rows, number = table.rows.select(at), table.runs["number"][at]
     frame = table_frame(rows, ["direction", _MOTOR, "faults", *_VALUES]).with_columns(
         window=pl.Series(rows.t_ns >> _SHORTEST << _SHORTEST)
     )

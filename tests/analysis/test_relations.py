@@ -71,7 +71,7 @@ def test_frame_before_is_of_its_stream_and_run(steps: list[Row | Item]) -> None:
     rows, last, expected = [*table.rows], dict[object, int](), list[int]()
     for at, row in enumerate(rows):
         number = row.raw[2] if row.kind is not None and row.kind.names_motor else 0
-        key = (row.port, row.kind and row.kind.name, number, int(table.runs.number[at]))
+        key = (row.port, row.kind and row.kind.name, number, int(table.runs["number"][at]))
         expected.append(last.get(key, -1) if row.kind is not None else -1)
         last[key] = at
     assert row_before(stream_keys(table.rows), table.runs).tolist() == expected

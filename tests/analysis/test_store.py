@@ -47,8 +47,9 @@ def test_runs_of_a_span_are_those_of_the_whole(
 ) -> None:
     store, runs = stored(steps), table_of(steps).runs
     found, own = store.runs(start, start + count), slice(start, start + count)
-    assert found.covered.tolist() == runs.covered[own].tolist()
-    assert (np.diff(found.number) > 0).tolist() == (np.diff(runs.number[own]) > 0).tolist()
+    for name in ("feedback_seen", "lost", "hidden"):
+        assert found[name].tolist() == runs[name][own].tolist()
+    assert (np.diff(found["number"]) > 0).tolist() == (np.diff(runs["number"][own]) > 0).tolist()
 
 
 @given(captures(), st.integers(1, 9))
@@ -100,4 +101,4 @@ def test_index_of_a_time(t_ms: float, index: int) -> None:
 
 
 def test_a_table_without_changes_is_one_run() -> None:
-    assert not runs_of(Rows.of(polled(1))).number.any()
+    assert not runs_of(Rows.of(polled(1)))["number"].any()
