@@ -11,7 +11,7 @@ recording, and after any filter. A screen calls it with the rows of some seconds
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -81,26 +81,13 @@ class MotorState:
     """The latest command to it, also of a command to all motors."""
     present: Mapping[FrameKind, Reading]
     """By kind of feedback, the latest frame."""
-    online: bool | None
-    """Its bit in the ONLINE byte of the latest feedback of any motor."""
-    errors: int | None
-    """The ERROR byte of its latest feedback."""
     answered: int
     """Commands in the last 10 s that were answered; 0 where that cannot be known."""
     unanswered: int
-    late: int
-    """Answers among these that took at least twice the median."""
-    damaged: int
-    """Damaged rows in the last 10 s that probably belonged to it."""
     delay_p99_ns: float | None
     trouble: Trouble
-
-    @property
-    def text(self) -> str:
-        """The trouble in a word or two; `ERROR 04` names the byte."""
-        if self.trouble is Trouble.ERROR:
-            return f"ERROR {self.errors:02X}"
-        return TranslatableText(self.trouble.value)
+    text: str
+    """The trouble in a word or two; `ERROR 04` names the byte."""
 
 
 def motors_at(rows: Rows, runs: Runs) -> list[MotorState]:
@@ -120,10 +107,24 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
     anyone = np.flatnonzero(FEEDBACK[kinds])
     feedback = anyone[own[anyone]]
     online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone[-1:]) >> motor_bit(motor) & 1
-    errors = values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback[-1:]).tolist()
+    errors = int(values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback[-1:]).sum())
     recent = found.filter(pl.col("motor") == motor, "recent")
-    states, delays = recent["state"], recent["delay_ns"]
-    state = MotorState(
+    answered = int((recent["state"] == AnswerState.ANSWERED).sum())
+    unanswered = int((recent["state"] == AnswerState.UNANSWERED).sum())
+    damaged = np.count_nonzero((rows.motor_hint == motor) & is_recent)
+    asked, received = answered + unanswered, np.count_nonzero(is_recent[feedback])
+    troubles = {
+        Trouble.UNKNOWN: not asked and not received,
+        Trouble.SILENT: unanswered > 0 and not received,
+        Trouble.OFFLINE: not online.all(),
+        Trouble.ERROR: errors > 0,
+        Trouble.UNANSWERED: unanswered > TROUBLED * asked,
+        Trouble.DAMAGE: damaged > TROUBLED * (received + asked),
+        Trouble.LATE: _is_late(found, motor),
+        Trouble.OFF_TARGET: _is_off_target(rows, commands, feedback, now_ns),
+    }
+    trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)
+    return MotorState(
         motor=motor,
         target=_reading(rows, commands),
         present={
@@ -131,18 +132,12 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
             for code in np.unique(kinds[feedback]).tolist()
             if (reading := _reading(rows, feedback[kinds[feedback] == code]))
         },
-        online=bool(online[0]) if len(online) else None,
-        errors=errors[0] if errors else None,
-        answered=int((states == AnswerState.ANSWERED).sum()),
-        unanswered=int((states == AnswerState.UNANSWERED).sum()),
-        late=int(recent["late"].sum()),
-        damaged=int(np.count_nonzero((rows.motor_hint == motor) & is_recent)),
-        delay_p99_ns=delays.quantile(0.99, "equiprobable"),
-        trouble=Trouble.UNKNOWN,
+        answered=answered,
+        unanswered=unanswered,
+        delay_p99_ns=recent["delay_ns"].quantile(0.99, "equiprobable"),
+        trouble=trouble,
+        text=f"ERROR {errors:02X}" if trouble is Trouble.ERROR else TranslatableText(trouble.value),
     )
-    received = np.count_nonzero(is_recent[feedback])
-    off = _is_off_target(rows, commands, feedback, now_ns)
-    return _judged(state, int(received), late=_is_late(found, motor), off=off)
 
 
 def _is_late(found: pl.DataFrame, motor: int) -> bool:
@@ -155,23 +150,6 @@ def _is_late(found: pl.DataFrame, motor: int) -> bool:
     others = [value for (of, recent), value in own.items() if recent and of != motor]
     most = max(others, key=lambda one: one[0] / one[1], default=None)
     return any(is_more(now, one) for one in (before, most) if one is not None)
-
-
-def _judged(state: MotorState, received: int, *, late: bool, off: bool) -> MotorState:
-    """The state with its trouble; `received` are the frames from the motor in the last 10 s."""
-    asked = state.answered + state.unanswered
-    troubles = {
-        Trouble.UNKNOWN: not asked and not received,
-        Trouble.SILENT: state.unanswered > 0 and not received,
-        Trouble.OFFLINE: state.online is False,
-        Trouble.ERROR: bool(state.errors),
-        Trouble.UNANSWERED: state.unanswered > TROUBLED * asked,
-        Trouble.DAMAGE: state.damaged > TROUBLED * (received + asked),
-        Trouble.LATE: late,
-        Trouble.OFF_TARGET: off,
-    }
-    trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)
-    return replace(state, trouble=trouble)
 
 
 def _is_off_target(rows: Rows, commands: Ints, feedback: Ints, now_ns: int) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,36 +12,32 @@ from fte_sniff.protocol import Fault, Rows, Status, status_of
 from fte_sniff.protocol.rows import faults_in
 
 
+@dataclass
 class Tally:
     """Counts of rows that come in batches."""
 
-    def __init__(self) -> None:
-        self.rows = 0
-        self.frames = 0
-        """Rows whose framing holds, malformed or not."""
-        self.times: tuple[int, int] | None = None
-        """Earliest and latest time, nanoseconds since 1970 UTC; None if no row has one."""
-        self._rows_by_faults = Counter[int]()
-        """By combination of faults as bits, in order of first occurrence."""
+    rows: int = 0
+    frames: int = 0
+    """Rows whose framing holds, malformed or not."""
+    times: tuple[int, int] | None = None
+    """Earliest and latest time, nanoseconds since 1970 UTC; None if no row has one."""
+    by_bits: Counter[int] = field(default_factory=Counter)
+    """Rows by combination of faults as bits, in order of first occurrence."""
 
     def observe(self, rows: Rows) -> None:
         """Add rows."""
-        self._add(len(rows), int(np.count_nonzero(rows.framed)), rows.span_ns)
         found, first, counts = np.unique(rows.faults, return_index=True, return_counts=True)
-        for at in first.argsort().tolist():
-            self._rows_by_faults[int(found[at])] += int(counts[at])
+        bits = {int(found[at]): int(counts[at]) for at in first.argsort().tolist()}
+        frames = int(np.count_nonzero(rows.framed))
+        self.merge(Tally(len(rows), frames, rows.span_ns, Counter(bits)))
 
     def merge(self, other: Tally) -> None:
         """Add the rows of another tally."""
-        self._add(other.rows, other.frames, other.times)
-        self._rows_by_faults.update(other._rows_by_faults)
-
-    def _add(self, rows: int, frames: int, times: tuple[int, int] | None) -> None:
-        self.rows += rows
-        self.frames += frames
-        if times is not None:
-            before = self.times or times
-            self.times = min(before[0], times[0]), max(before[1], times[1])
+        self.rows += other.rows
+        self.frames += other.frames
+        self.by_bits.update(other.by_bits)
+        times = [*(self.times or ()), *(other.times or ())]
+        self.times = (min(times), max(times)) if times else None
 
     @property
     def duration_ns(self) -> int | None:
@@ -51,7 +48,7 @@ class Tally:
     def by_fault(self) -> Counter[Fault]:
         """Rows by fault, in order of first occurrence; a row counts for each of its faults."""
         found = Counter[Fault]()
-        for bits, count in self._rows_by_faults.items():
+        for bits, count in self.by_bits.items():
             found.update(dict.fromkeys(faults_in(bits), count))
         return found
 
@@ -59,7 +56,7 @@ class Tally:
     def by_status(self) -> Counter[Status]:
         """Rows by status."""
         found = Counter[Status]()
-        for bits, count in self._rows_by_faults.items():
+        for bits, count in self.by_bits.items():
             found[status_of(faults_in(bits))] += count
         return found
 
