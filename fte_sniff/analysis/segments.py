@@ -50,7 +50,6 @@ class Segments:
         *,
         baud: int | None = None,
         test: RowTest | None = None,
-        needs_facts: bool = False,
         keep: Callable[[Table], Ints] | None = None,
     ) -> None:
         """Begin a stream without rows.
@@ -58,37 +57,26 @@ class Segments:
         Args:
             most: rows from which on a table is complete.
             baud: of every port; None for that of the stream's `BaudChange`s.
-            test: selects the rows that are counted; None for all.
-            needs_facts: whether the test reads facts.
+            test: selects the rows, with their facts, that are counted; None for all.
             keep: the indices of further rows of a table that the next ones need.
         """
-        self._most, self._test, self._keep = most, test, keep
-        self._needs_facts = needs_facts
-        self._baud = baud
+        self._most, self._baud, self._test, self._keep = most, baud, test, keep
         self._before = EMPTY
         """The last table, with only the rows that the next one needs."""
-        self._rows, self._count = list[Rows](), 0
-        self._changes, self._events = list[Change](), list[PortEvent]()
-        self._begins = list[tuple[int, str]]()
-        self._hidden_by = list[str]()
+        self._items, self._count = list[Item | str](), 0
+        """What came since, with the names of inputs; and its number of rows."""
 
     def begin(self, name: str) -> None:
         """Begin the next input of the stream."""
-        self._begins.append((self._count, name))
+        self._items.append(name)
 
     def push(self, item: Item) -> Iterator[Table]:
         """Add the next item; yields the table that it completes."""
-        if isinstance(item, PortEvent):
-            self._events.append(item)
-        elif isinstance(item, Rows):
-            self._rows.append(item)
+        self._items.append(item)
+        if isinstance(item, Rows):
             self._count += len(item)
             if self._count >= self._most:
                 yield from self._cut(final=False)
-        elif isinstance(item, Gap) or self._baud is None:
-            self._changes.append(Change(self._count, item))
-            if isinstance(item, Gap) and item.kind is GapKind.SELECTED:
-                self._hidden_by.append(item.reason)
 
     def rest(self) -> Table:
         """The table of the rows that wait, as if the stream ended here; it may go on."""
@@ -103,43 +91,50 @@ class Segments:
         table = self._joined()
         stop = len(table.rows) if final else second_before(table.rows, len(table.rows))
         if stop > table.start or final:
-            table = replace(table, stop=stop)
-            if self._test is not None:
-                table = table.narrowed(self._test, needs_facts=self._needs_facts)
+            table = replace(table, stop=stop, test=self._test)
             yield table
             self._before = self._needed(table)
-            self._rows, self._count, self._changes, self._events = [], 0, [], []
-            self._begins = []
+            self._items, self._count = [], 0
 
     def _joined(self) -> Table:
         """The rows that wait, after those that were kept."""
-        before, rows = self._before, Rows.concat(self._rows)
-        runs = np.append(before.runs, runs_of(rows, self._changes, before.runs))
-        bauds, byte_ns = dict(before.bauds), np.zeros(len(rows), np.int64)
-        default = self._baud or DEFAULT_BAUD
-        for code, port in enumerate(rows.ports):
-            byte_ns[rows.port == code] = byte_time_ns(bauds.get(port, default))
-        for change in self._changes:
-            if isinstance(what := change.what, BaudChange):
-                bauds[what.port] = what.baud
-                if what.port in rows.ports:
-                    own = rows.port == rows.ports.index(what.port)
-                    own[: change.index] = False
-                    byte_ns[own] = byte_time_ns(what.baud)
-        sources = [*before.sources, *(name for _, name in self._begins)]
-        starts = [index for index, _ in self._begins]
-        source = np.searchsorted(starts, np.arange(len(rows)), "right") + len(before.sources) - 1
-        return Table(
-            Rows.concat([one for one in (before.rows, rows) if len(one)]),
-            runs,
-            before.start,
-            0,
-            np.concatenate((before.byte_ns, byte_ns)),
-            np.concatenate((before.source, source)),
-            sources,
-            tuple(self._events),
-            bauds,
-            hidden_by=tuple(self._hidden_by),
+        before, rows = (
+            self._before,
+            Rows.concat([one for one in self._items if isinstance(one, Rows)]),
+        )
+        bauds, default = dict(before.bauds), self._baud or DEFAULT_BAUD
+        byte_ns = np.array(
+            [byte_time_ns(bauds.get(port, default)) for port in rows.ports] or [0], np.int64
+        )[rows.port]
+        source = np.full(len(rows), len(before.sources) - 1)
+        sources, hidden_by = [*before.sources], [*before.hidden_by]
+        changes, events, index = list[Change](), list[PortEvent](), 0
+        for item in self._items:
+            match item:
+                case Rows():
+                    index += len(item)
+                case str():
+                    sources.append(item)
+                    source[index:] += 1
+                case PortEvent():
+                    events.append(item)
+                case Gap():
+                    changes.append(Change(index, item))
+                    hidden_by += [item.reason] if item.kind is GapKind.SELECTED else []
+                case BaudChange() if self._baud is None:
+                    bauds[item.port] = item.baud
+                    own = rows.port[index:] == [*rows.ports, item.port].index(item.port)
+                    byte_ns[index:][own] = byte_time_ns(item.baud)
+        return replace(
+            before,
+            rows=Rows.concat([one for one in (before.rows, rows) if len(one)]),
+            runs=np.append(before.runs, runs_of(rows, changes, before.runs)),
+            byte_ns=np.append(before.byte_ns, byte_ns),
+            source=np.append(before.source, source),
+            sources=sources,
+            events=events,
+            bauds=bauds,
+            hidden_by=hidden_by,
         )
 
     def _needed(self, table: Table) -> Table:
@@ -147,16 +142,15 @@ class Segments:
         kept = context_of(table)
         if self._keep is not None:
             kept = np.union1d(kept, self._keep(table))
-        return Table(
-            table.rows.select(kept),
-            table.runs[kept],
-            int(np.searchsorted(kept, table.stop)),
-            0,
-            table.byte_ns[kept],
-            table.source[kept],
-            table.sources,
-            (),
-            table.bauds,
+        return replace(
+            table,
+            rows=table.rows.select(kept),
+            runs=table.runs[kept],
+            start=int(np.searchsorted(kept, table.stop)),
+            stop=0,
+            byte_ns=table.byte_ns[kept],
+            source=table.source[kept],
+            test=None,
         )
 
 

@@ -11,7 +11,7 @@ A column is computed when it is first used.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final, TypeAlias
 
@@ -68,8 +68,8 @@ class Table:
     """The port events among its own rows."""
     bauds: Mapping[str, int] = field(default_factory=dict)
     """The present baud by port, where it is not the default."""
-    selected: Bools | None = None
-    """Which of the rows are counted; None for all."""
+    test: RowTest | None = None
+    """Selects the rows, with their facts, that are counted; None for all."""
     hidden_by: Sequence[str] = ()
     """The filters that selected the rows of recordings so far."""
 
@@ -78,6 +78,11 @@ class Table:
         """A table of rows of one input, all its own."""
         byte_ns, source = np.full(len(rows), byte_time_ns(baud)), np.zeros(len(rows), np.int64)
         return cls(rows, runs, 0, len(rows), byte_ns, source)
+
+    @cached_property
+    def selected(self) -> Bools | None:
+        """Which of the rows are counted; None for all. All rows decide what is answered."""
+        return None if self.test is None else self.test(self.with_facts)
 
     @cached_property
     def counted(self) -> Ints:
@@ -106,14 +111,6 @@ class Table:
     def with_facts(self) -> Rows:
         """All rows with their facts."""
         return with_facts(self.rows, self.runs, self.all_answers)
-
-    def narrowed(self, test: RowTest, *, needs_facts: bool = True) -> Table:
-        """The table of the rows that pass; whether a command is answered, all rows decide."""
-        found = replace(self, selected=test(self.with_facts if needs_facts else self.rows))
-        for name in ("all_answers", "with_facts"):
-            if name in self.__dict__:
-                found.__dict__[name] = self.__dict__[name]
-        return found
 
     @cached_property
     def frame(self) -> pl.DataFrame:

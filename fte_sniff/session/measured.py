@@ -64,11 +64,8 @@ class Measurement(Generic[Part]):
             baud: the baud of every port; None for that of the inputs.
         """
         matches = None if wanted is None else wanted.matches
-        needs_facts = wanted is not None and wanted.needs_facts
         for items in reading.streams():
-            cutter = Segments(
-                baud=baud, test=matches, needs_facts=needs_facts, keep=self.analysis.keep
-            )
+            cutter = Segments(baud=baud, test=matches, keep=self.analysis.keep)
             reading.on_input = cutter.begin
             for item in items:
                 for table in cutter.push(item):

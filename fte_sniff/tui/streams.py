@@ -182,7 +182,7 @@ class StreamsPage(ListPage[Stream]):
         if view.shown.matches is not None:
             selected = np.zeros(len(rows), np.bool_)
             selected[view.shown.between(start, end) - start] = True
-            table = replace(table, selected=selected)
+            table = replace(table, test=lambda _rows: selected)
         self._table, self.listed = table, streams_in(table)
         self.choose(self.at)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import polars as pl
 from hypothesis import given
 from hypothesis import strategies as st
@@ -52,7 +54,7 @@ def test_answers_of_segments_are_those_of_the_whole(steps: list[Row | Item], mos
 
 def test_selected_rows_are_measured_among_themselves() -> None:
     rows = polled(30, motors=(1, 2))
-    whole = table_of(rows).narrowed(lambda rows: rows.nums == 2)
+    whole = replace(table_of(rows), test=lambda rows: rows.nums == 2)
     cutter = Segments(most=5, test=lambda rows: rows.nums == 2)
     parts = [one for item in items_of(rows) for one in cutter.push(item)] + [*cutter.finish()]
     assert set(whole.frame["motor"]) == {2}
