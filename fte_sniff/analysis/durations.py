@@ -45,12 +45,12 @@ def middles(bins: Ints, bits: int = FINE) -> Floats:
 def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: str) -> Counts:
     """The durations of a column, of which negative ones are left out, by keys and bin.
 
-    `until` are the times of their ends.
+    `until` are the times of their ends. The counts are `NAME bins`, beside those of other analyses.
     """
     own = frame.select(*keys, ns=ns, until=until).filter(pl.col("ns") >= 0)
     own = own.with_columns(bin=pl.Series(bins_of(own["ns"].to_numpy()), dtype=pl.Int64))
     return {
-        name: own.group_by(*keys, "bin").agg(
+        f"{name} bins": own.group_by(*keys, "bin").agg(
             pl.len().cast(pl.Int64).alias("sum count"),
             pl.col("ns").min().alias("least ns"),
             pl.col("until").get(pl.col("ns").arg_max()).alias("until ns"),
@@ -76,7 +76,7 @@ class Durations:
     def of(cls, counts: Counts, name: str, **keys: object) -> Durations:
         """Those with some keys."""
         names = ("sum count", "least ns", "greatest ns", "until ns")
-        found = added([chosen(counts[name], **keys).select("bin", *names)]).sort("bin")
+        found = added([chosen(counts[f"{name} bins"], **keys).select("bin", *names)]).sort("bin")
         own = cls(found["bin"].to_numpy(), found["sum count"].to_numpy())
         if not len(found):
             return own
