@@ -52,25 +52,21 @@ def command() -> None:
 
 
 _POSITIVE = RealNumber(min=0, min_open=True, max=1e9)
-_TURNS = (
-    click.Option(
-        ["--turns"],
-        type=RealNumber(-1e18, 1e18),
-        metavar="N",
-        help="Instead of --pulses: the position in turns of the output shaft.",
-    ),
-    click.Option(
-        ["--resolution"],
-        type=_POSITIVE,
-        metavar="N",
-        help="With --turns: pulses in one turn of the motor.",
-    ),
-    click.Option(
-        ["--gear-ratio"],
-        type=_POSITIVE,
-        metavar="N",
-        help="With --turns: turns of the motor in one turn of its output; 1 by default.",
-    ),
+_TURNS = tuple(
+    click.Option([option], type=kind, metavar="N", help=text)
+    for option, kind, text in (
+        (
+            "--turns",
+            RealNumber(-1e18, 1e18),
+            "Instead of --pulses: the position in turns of the output shaft.",
+        ),
+        ("--resolution", _POSITIVE, "With --turns: pulses in one turn of the motor."),
+        (
+            "--gear-ratio",
+            _POSITIVE,
+            "With --turns: turns of the motor in one turn of its output; 1 by default.",
+        ),
+    )
 )
 
 

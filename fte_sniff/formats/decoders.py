@@ -14,33 +14,19 @@ from types import MappingProxyType
 from typing import Final
 
 from fte_sniff.formats.pcapng import COMMENT
-from fte_sniff.protocol import KINDS, Fault, Status
+from fte_sniff.protocol import KINDS, Fault, Field, FrameKind, Status, spec
 from fte_sniff.protocol.framer import SETTLING_NS
-from fte_sniff.protocol.spec import (
-    CMD_OFFSET,
-    DEFAULT_BAUD,
-    DIRECTION_OF_HEADER,
-    FAULT_MEANINGS,
-    FRAME_LENGTH,
-    KIND_BY_HEADER_AND_CMD,
-    SUSPECT_FAULTS,
-    TAIL,
-    VALUE_FIELDS,
-    Field,
-    FrameKind,
-    byte_time_ns,
-)
 
 # Tables of the frames, for templates
 
-SETTLING_BYTES: Final = SETTLING_NS // byte_time_ns(DEFAULT_BAUD)
+SETTLING_BYTES: Final = SETTLING_NS // spec.byte_time_ns(spec.DEFAULT_BAUD)
 """Byte times of silence after which the begin of a frame is truncated, as in the framer."""
 
 _FACTS: Final[dict[str, object]] = {
-    "LENGTH": FRAME_LENGTH,
-    "TAIL": TAIL,
-    "CMD": CMD_OFFSET,
-    "DIRECTIONS": {header: str(way) for header, way in DIRECTION_OF_HEADER.items()},
+    "LENGTH": spec.FRAME_LENGTH,
+    "TAIL": spec.TAIL,
+    "CMD": spec.CMD_OFFSET,
+    "DIRECTIONS": {header: str(way) for header, way in spec.DIRECTION_OF_HEADER.items()},
     "NO_KIND": "unknown",
     "UNKNOWN_CMD": str(Fault.UNKNOWN_CMD),
     "RESERVED_NONZERO": str(Fault.RESERVED_NONZERO),
@@ -50,7 +36,9 @@ _FACTS: Final[dict[str, object]] = {
 
 def _kinds() -> dict[int, object]:
     """The kinds of frames by header * 256 + CMD."""
-    return {head << 8 | cmd: _kind(kind) for (head, cmd), kind in KIND_BY_HEADER_AND_CMD.items()}
+    return {
+        head << 8 | cmd: _kind(kind) for (head, cmd), kind in spec.KIND_BY_HEADER_AND_CMD.items()
+    }
 
 
 def _kind(kind: FrameKind) -> dict[str, object]:
@@ -116,10 +104,10 @@ def wireshark_dissector() -> str:
         "STATUS_SUSPECT": str(Status.SUSPECT),
         "STATUS_MALFORMED": str(Status.MALFORMED),
         "FAULTS": [
-            {"name": str(fault), "meaning": meaning, "suspect": fault in SUSPECT_FAULTS}
-            for fault, meaning in FAULT_MEANINGS.items()
+            {"name": str(fault), "meaning": meaning, "suspect": fault in spec.SUSPECT_FAULTS}
+            for fault, meaning in spec.FAULT_MEANINGS.items()
         ],
-        "FIELDS": [_widest(field) for field in VALUE_FIELDS],
+        "FIELDS": [_widest(field) for field in spec.VALUE_FIELDS],
         "KINDS": _kinds(),
     }
     lines = [f"local {name} = {_lua(value)}" for name, value in tables.items()]

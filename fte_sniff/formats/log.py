@@ -21,11 +21,12 @@ import re
 import select
 from binascii import a2b_base64
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache, partial
 from itertools import chain, product
 from math import inf
+from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, NoReturn
 
@@ -245,16 +246,34 @@ def _numberless(text: str) -> str:
     return _NUMBER.sub("0", text)
 
 
-_NAMES: Final[Sequence[Callable[[Entry, Heading], str]]] = (
-    lambda entry, above: entry.before.strip(),
-    lambda entry, above: _numberless(entry.before.strip()),
+Label = Callable[[Entry, Heading], str]
+"""What names the wire of data, by the data and the headings above."""
+_OWN_WORD: Final[Label] = lambda entry, above: entry.way  # noqa: E731
+_WORD_ABOVE: Final[Label] = lambda entry, above: entry.way or above.way  # noqa: E731
+_NAMES_ABOVE: Final[Sequence[Label]] = (
     lambda entry, above: above.text,
     lambda entry, above: _numberless(above.text),
 )
-"""Texts that may name a wire, by a line and the headings above it."""
+_NAMES: Final[Sequence[Label]] = (
+    lambda entry, above: entry.before.strip(),
+    lambda entry, above: _numberless(entry.before.strip()),
+    *_NAMES_ABOVE,
+)
 _MOST_NAMES: Final = 8
 _WAY_OF: Final = {HEADERS[Direction.CONTROL]: "tx", HEADERS[Direction.FEEDBACK]: "rx"}
 """By header of a frame."""
+
+
+def _ways_of_names(found: Iterable[tuple[Entry, Heading]], label: Label) -> dict[str, str]:
+    """The ways of labels, if with each are frames of one direction only; else nothing."""
+    data = defaultdict[str, bytes](bytes)
+    for entry, above in found:
+        data[label(entry, above)] += entry.data
+    heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
+    are_pure = len(heads) <= _MOST_NAMES and all(len(own) == 1 for own in heads.values())
+    if not are_pure or set[int]().union(*heads.values()) != _WAY_OF.keys():
+        return {}
+    return {name: _WAY_OF[min(own)] for name, own in heads.items()}
 
 
 class LineReader:
@@ -274,7 +293,8 @@ class LineReader:
         self._ends = set[tuple[str, bool]]()
         """By word, whether something may be behind a short run."""
         self._skipped, self._example, self._above = 0, "", Heading()
-        self._has_words, self._names = True, dict[str, str]()
+        self._names: Mapping[str, str] | None = None
+        """Ways by label; None if the labels are ways."""
         if pattern is None:
             self._learn_lanes(lines)
         self._learn_wires(map(self._parsed, lines))
@@ -329,10 +349,10 @@ class LineReader:
         for run in self.form.run.finditer(text):
             if data := self._data(text, run):
                 before = text[max(stop, run.start() - _LONGEST_BEFORE) : run.start()]
-                way = way_in(before) or way if self._has_words else ""
+                way = way_in(before) or way if self._names is None else ""
                 found.append(Entry(data, way, before))
                 stop = run.end()
-        if found and self._has_words and not way:
+        if found and self._names is None and not way:
             way = way_in(text[stop : stop + _LONGEST_BEFORE])
             found = [entry._replace(way=way) for entry in found]
         return text, time, found
@@ -371,11 +391,11 @@ class LineReader:
         are_beside = 0 < len(found) <= 2 * own_stamps
         self._times_above = not are_beside and 0 < stamps <= 2 * len(found)
         self.has_times = are_beside or self._times_above
-        self._ways_above = 2 * sum(bool(entry.way) for entry, _ in found) < len(found)
-        self._has_words = len({self._way(*one) for one in found} - {""}) > 1
-        if not self._has_words:
-            self._ways_above = False
-            self._name_of = next(filter(partial(self._are_names, found), _NAMES), _NAMES[0])
+        few_ways = 2 * sum(bool(entry.way) for entry, _ in found) < len(found)
+        self._label = _WORD_ABOVE if few_ways else _OWN_WORD
+        if len({self._label(*one) for one in found} - {""}) <= 1:
+            named = ((label, _ways_of_names(found, label)) for label in _NAMES)
+            self._label, self._names = next(filter(itemgetter(1), named), (_OWN_WORD, {}))
         self.wires = defaultdict[str, bytes](bytes)
         """The data of the first lines, by their ways."""
         for entry, above in found:
@@ -385,22 +405,8 @@ class LineReader:
         self.has_frames = sum(map(_in_frames, wires)) > _LEAST_SHARE * sum(map(len, wires))
 
     def _way(self, entry: Entry, above: Heading) -> str:
-        if self._has_words:
-            return entry.way or (above.way if self._ways_above else "")
-        return self._names.get(self._name_of(entry, above), "") if self._names else ""
-
-    def _are_names(
-        self, found: Iterable[tuple[Entry, Heading]], name_of: Callable[[Entry, Heading], str]
-    ) -> bool:
-        """Whether a text names the wires: with each are frames of one direction only."""
-        data = defaultdict[str, bytes](bytes)
-        for entry, above in found:
-            data[name_of(entry, above)] += entry.data
-        heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
-        are_pure = len(heads) <= _MOST_NAMES and all(len(own) == 1 for own in heads.values())
-        if are_pure and set[int]().union(*heads.values()) == _WAY_OF.keys():
-            self._names = {name: _WAY_OF[min(own)] for name, own in heads.items()}
-        return bool(self._names)
+        label = self._label(entry, above)
+        return label if self._names is None else self._names.get(label, "")
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
         """The way, the time and the data of each line with data."""
@@ -416,12 +422,12 @@ class LineReader:
 
     def _is_heading(self, text: str, time: re.Match[str] | None) -> bool:
         """Observe a line without data; whether the lines below have their time or way from it."""
-        by_name = bool(self._names) and self._name_of in _NAMES[2:]
-        if not (self._times_above or self._ways_above or by_name):
+        by_way, by_name = self._label is _WORD_ABOVE, self._label in _NAMES_ABOVE
+        if not (self._times_above or by_way or by_name):
             return False
         self._above = self._above.under(text, time)
         has_time = self._times_above and time is not None
-        return has_time or by_name or (self._ways_above and bool(way_in(text)))
+        return has_time or by_name or (by_way and bool(way_in(text)))
 
     def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
         """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""

@@ -1,20 +1,12 @@
-"""How a status looks: signs and colours, of plain text, the screen and pages."""
+"""How a status looks: signs and colours, of plain text and pages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
 from fte_sniff.protocol import Row, Status
-
-
-class Ground(StrEnum):
-    """What text is shown on."""
-
-    DARK = "dark"
-    LIGHT = "light"
 
 
 class Look(NamedTuple):
@@ -27,11 +19,6 @@ class Look(NamedTuple):
     bold: bool = False
     plot: str = "#3a7bd5"
     """Colour in plots, with a contrast of about 3, at least 2.9, on light and dark ground."""
-    inks: Mapping[Ground, str] = MappingProxyType({})
-    """Colours of text by ground, as `#rrggbb`; empty for those of plain text.
-
-    The contrast by WCAG 2 is at least 4.5 on the background of each theme, and of a page.
-    """
 
     @property
     def style(self) -> str:
@@ -42,22 +29,11 @@ class Look(NamedTuple):
 LOOKS: Mapping[Status, Look] = MappingProxyType(
     {
         Status.OK: Look(" "),
-        Status.SUSPECT: Look(
-            "?",
-            "yellow",
-            plot="#d9822b",
-            inks={Ground.DARK: "#f0e442", Ground.LIGHT: "#6b5e00"},
-        ),
-        Status.MALFORMED: Look(
-            "!",
-            "red",
-            bold=True,
-            plot="#d03b3b",
-            inks={Ground.DARK: "#ff8f50", Ground.LIGHT: "#a33c00"},
-        ),
+        Status.SUSPECT: Look("?", "yellow", plot="#d9822b"),
+        Status.MALFORMED: Look("!", "red", bold=True, plot="#d03b3b"),
     }
 )
-"""The look of each status, its only definition."""
+"""The look of each status; `tui.painter` has the colours of the screen."""
 
 
 ORDER_MARK = "~"

@@ -28,7 +28,6 @@ from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 
 GAP: Final = "  "
 _CLOCK: Final = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
-_OFFSET: Final = 9
 _PORT: Final = 14
 _KIND: Final = max(len(kind.name) for kind in KINDS)
 _VALUES: Final = max(
@@ -36,8 +35,7 @@ _VALUES: Final = max(
     for kind in KINDS
 )
 _RAW: Final = len(spaced_hex(bytes(FRAME_LENGTH)))
-_NAMES: Final = ("time", "port", "offset".rjust(_OFFSET), "", "kind", "values", "raw", "faults")
-_SHORT_WIDTHS: Final = (_CLOCK.stop - _CLOCK.start, _PORT, 1, _KIND, 0)
+_NAMES: Final = ("time", "port", "   offset", "", "kind", "values", "raw", "faults")
 
 
 class TableWriter:
@@ -50,6 +48,11 @@ class TableWriter:
     def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
         """Write to a stream; `ports` for a column with the port."""
         self._stream, self._zone, self._is_short = stream, zone, stream.isatty()
+        clock = "time UTC" if zone == UTC else "local time"
+        time = _CLOCK.stop - _CLOCK.start if self._is_short else len(iso_time(0, zone))
+        full = (time, _PORT, len(_NAMES[2]), 1, _KIND, _VALUES, _RAW, 0)
+        self._widths = (time, _PORT, 1, _KIND, 0) if self._is_short else full
+        self._names = (clock, "port", "", "kind", "values") if self._is_short else _NAMES
         self._hidden = set[int]() if ports else {1}
         self._has_header = False
 
@@ -58,40 +61,27 @@ class TableWriter:
         for row in rows:
             if not self._has_header:
                 self._has_header = True
-                if row.t_ns is None:
-                    self._hidden.add(0)
-                self._write(self._names(), bold=True)
-            self._write(self._short(row) if self._is_short else self._cells(row), **_style_of(row))
-
-    def _names(self) -> tuple[str, ...]:
-        if self._is_short:
-            return ("time UTC" if self._zone == UTC else "local time", "port", "", "kind", "values")
-        return _NAMES
+                self._hidden |= {0} if row.t_ns is None else set()
+                self._write(self._names, bold=True)
+            self._write(self._cells(row), **_style_of(row))
 
     def _cells(self, row: Row) -> tuple[str, ...]:
-        return (
-            "-" if row.t_ns is None else iso_time(row.t_ns, self._zone),
+        time = "-" if row.t_ns is None else iso_time(row.t_ns, self._zone)
+        port, mark, kind, values = (
             printable(row.port),
-            str(row.offset).rjust(_OFFSET),
             mark_of(row),
             kind_text(row),
             values_text(row),
-            spaced_hex(row.raw),
-            faults_text(row.faults),
         )
-
-    def _short(self, row: Row) -> tuple[str, ...]:
-        kind, faults, raw = kind_text(row), faults_text(row.faults), spaced_hex(row.raw)
-        text = GAP.join(filter(None, (values_text(row), faults, raw)))
-        if not row.framed:
-            kind, text = faults, raw
-        clock = "" if row.t_ns is None else iso_time(row.t_ns, self._zone)[_CLOCK]
-        return clock, printable(row.port)[-_PORT:], mark_of(row), kind, text
+        faults, raw = faults_text(row.faults), spaced_hex(row.raw)
+        if not self._is_short:
+            return time, port, f"{row.offset:9}", mark, kind, values, raw, faults
+        text = GAP.join(filter(None, (values, faults, raw)))
+        kind, text = (kind, text) if row.framed else (faults, raw)
+        return time[_CLOCK], port[-_PORT:], mark, kind, text
 
     def _write(self, cells: tuple[str, ...], **style: Any) -> None:
-        full = (len(iso_time(0, self._zone)), _PORT, _OFFSET, 1, _KIND, _VALUES, _RAW, 0)
-        widths = _SHORT_WIDTHS if self._is_short else full
-        padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+        padded = (cell.ljust(width) for cell, width in zip(cells, self._widths, strict=True))
         shown = (cell for at, cell in enumerate(padded) if at not in self._hidden)
         line = GAP.join(shown).rstrip()
         if not self._is_short:
