@@ -15,8 +15,6 @@ from fte_sniff.formats.pcapng import COMMENT, PcapngWriter
 from fte_sniff.protocol import COLUMNS, Fault, Row, encode, faults_text, record
 from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS
 from tests.recording.conftest import some_rows
-from tests.slow import first
-from tests.support.columns import read_rows
 from tests.support.tools import needs
 
 FIELDS = {
@@ -108,19 +106,6 @@ def every_byte_of_the_heads() -> list[Row]:
 @pytest.mark.parametrize("make", [two_wires, every_byte_of_the_heads])
 def test_every_field_of_every_row_equals_decode(tmp_path: Path, tshark: Tshark, make) -> None:
     rows = make()
-    found = tshark.fields(written(tmp_path, rows), *FIELDS.values())
-    assert found == [shown(row) for row in rows]
-
-
-@needs("tshark")
-@pytest.mark.parametrize("name", first(1, ["damaged", "midstream", "clean", "idle"]))
-def test_samples_dissect_as_decode_shows_them(tmp_path: Path, tshark: Tshark, name: str) -> None:
-    rows = [
-        row
-        for row in read_rows(Path(__file__).parents[2] / f"samples/{name}.mcap")
-        if isinstance(row, Row)
-    ]
-    assert rows
     found = tshark.fields(written(tmp_path, rows), *FIELDS.values())
     assert found == [shown(row) for row in rows]
 

@@ -32,7 +32,6 @@ from fte_sniff.protocol import (
 from fte_sniff.session.framing import rows_of_chunks
 from tests.examples import examples
 from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, spaced
-from tests.slow import first
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -99,14 +98,6 @@ def size_of(parts: Sequence[Sent] | Sequence[Row]) -> int:
 # Layouts
 
 
-@pytest.mark.parametrize("name", first(20, LAYOUTS))
-def test_layout_comes_back_exactly(name: str) -> None:
-    log = a_log(1)
-    rows, _ = rows_of(LAYOUTS[name](log))
-    assert found_in(rows) == frames_of(log)
-    assert size_of(rows) == size_of(log)
-
-
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_long_log_gives_what_its_first_lines_give(name: str) -> None:
     log = a_log(1, 300)
@@ -148,46 +139,6 @@ def test_reads_of_a_stream_change_nothing(name: str, size: int) -> None:
 # Layouts of users that were once read wrong
 
 
-def test_direction_lines_above_256_lines_of_bytes_are_read() -> None:
-    log = a_log(0, 256)
-    for words in ("Write:/Read:", "发：/收：", "/dev/ttyUSB1//dev/ttyUSB0"):
-        tx, rx = words[: len(words) // 2], words[-(len(words) // 2) :]
-        text = "".join(f"{tx if one.way == 'tx' else rx}\n{spaced(one.data)}\n" for one in log)
-        rows, _ = rows_of(text)
-        assert found_in(rows) == frames_of(log)
-        assert {(row.port, row.raw[0]) for row in rows} == {
-            ("log.txt:tx", 0xAA),
-            ("log.txt:rx", 0x55),
-        }
-
-
-def test_channel_letter_behind_a_time_names_the_wire_and_p_is_pm() -> None:
-    log = a_log(1)
-    text = "".join(
-        f"P 2:{clock(one.ms)[3:]}{'A' if one.way == 'tx' else 'B'} {spaced(one.data)}\n"
-        for one in log
-    )
-    rows, _ = rows_of(text, LogOptions(day=date(2026, 3, 5)))
-    assert found_in(rows) == frames_of(log)
-    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
-    assert iso_time(rows[0].t_ns or 0).startswith("2026-03-05T14:00:00.")
-
-
-def test_times_in_days_are_named() -> None:
-    log = a_log(0, 200)
-    text = "".join(
-        f"{46_000 + (one.ms / 86_400_000):.9f},{one.way},{spaced(one.data)}\n" for one in log
-    )
-    _, notes = rows_of(text)
-    dense = [note for note in notes if "too dense" in note]
-    assert len(dense) == 1
-    assert re.fullmatch(
-        r"log.txt: rows are too dense in time for 115200 baud \([\d,]+%\);"
-        r" its times may be days",
-        dense[0],
-    )
-
-
 def test_times_of_a_full_line_are_not_too_dense() -> None:
     log = [one._replace(ms=43_200_000 + at) for at, one in enumerate(a_log(0, 300))]
     for layout in ("Arduino", "CoolTerm"):
@@ -222,24 +173,6 @@ def test_garbled_direction_beside_a_clean_one_is_kept() -> None:
     control = frame_of(KINDS[1], random.Random(1)).hex(" ")
     rows, _ = rows_of(f"TX: {control}\nRX: 55 01 13 37 77 88 99\n" * 10)
     assert sum(len(row.raw) for row in rows if row.port == "log.txt:rx") == 70
-
-
-def test_frame_that_the_other_direction_interrupts_is_whole() -> None:
-    a, f = (frame_of(kind, random.Random(1)) for kind in (KINDS[1], KINDS[4]))
-    lines = [f"TX: {a[:4].hex(' ')}", f"RX: {f.hex(' ')}", f"TX: {a[4:].hex(' ')}"] * 5
-    rows, _ = rows_of("\n".join(lines))
-    assert found_in(rows) == {"tx": [a] * 5, "rx": [f] * 5}
-    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
-    assert [row.offset for row in rows if row.port.endswith("tx")] == [0, 10, 20, 30, 40]
-
-
-@pytest.mark.parametrize(("tx", "rx"), [(">", "<"), (">>", "<<"), ("-->", "<--")])
-def test_arrows_separate_directions_of_plain_hex(tx: str, rx: str) -> None:
-    log = a_log(3)
-    lines = [f"{tx if sent.way == 'tx' else rx} {sent.data.hex(' ')}" for sent in log]
-    rows, _ = rows_of("\n".join(lines))
-    assert found_in(rows) == frames_of(log)
-    assert {row.port for row in rows} == {"log.txt:tx", "log.txt:rx"}
 
 
 def test_lane_that_comes_later_is_read_from_its_first_frame_on() -> None:
