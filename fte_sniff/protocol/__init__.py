@@ -5,7 +5,7 @@ Modules:
     dissect     Explain a row: its bytes field by field.
     columns     The column table; values as text.
     framer      Framer: chunks in, rows out; times and silence.
-    islands     Islands of frames in step and the gaps between them.
+    islands     Frames in step and the gaps between them.
     gap         How gaps are divided into frames, damage and noise.
     rows        Rows: the one container, as numpy columns; a row.
     items       Chunks, port events, gaps.

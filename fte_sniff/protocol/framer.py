@@ -21,13 +21,13 @@ import numpy as np
 
 from fte_sniff.protocol.gap import IS_HEADER, LEGAL
 from fte_sniff.protocol.islands import (
-    CERTAIN,
     CORE,
     MARGIN,
-    Division,
+    Segments,
     State,
-    Walk,
     Wall,
+    ranges,
+    segments,
 )
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import (
@@ -57,6 +57,8 @@ SETTLING_NS: Final = 20_000_000
 """Silence after which all bytes are decided, but the start of a frame."""
 GIVING_UP_NS: Final = 500_000_000
 """Silence after which the start of a frame is truncated."""
+CERTAIN: Final = 0.9995
+"""A frame in a gap that is less probable is `ambiguous`."""
 KNOWN: Final = 8
 """Frames in a row with 00 in the reserve after which the line is known to have it."""
 
@@ -99,10 +101,6 @@ class _Times:
         if t_ns is None or self._silent_since is None:
             return 0
         return max(0, t_ns - self._silent_since)
-
-    def reset_clock(self) -> None:
-        """Let the next times be earlier than those so far."""
-        self._floor_ns, self._silent_since = 0, None
 
     def began(self, offsets: Ints) -> tuple[Ints, Ints]:
         """When the bytes at these offsets, rising, began, and how long before they were read."""
@@ -185,10 +183,6 @@ class Framer:
         """Set the bits per second of the line from the next chunk on; raises ValueRangeError."""
         self._times.byte_ns = byte_time_ns(baud)
 
-    def reset_clock(self) -> None:
-        """Let the next times be earlier than those so far, for logs whose clock was set."""
-        self._times.reset_clock()
-
     @property
     def pending_since_ns(self) -> int | None:
         """When the first byte that was in no row at the last `drain` began; None without one."""
@@ -235,21 +229,20 @@ class Framer:
         """The rows that were decided since the last call."""
         self._data = b"".join([self._data, *self._chunks])
         self._chunks.clear()
-        base = self._base
+        base, at, bound = self._base, *self._state
         walls = [wall._replace(at=wall.at - base) for wall in self._walls]
-        state = self._state._replace(at=self._state.at - base, wall=self._state.wall - base)
-        walk = Walk(self._data, base, state, walls)
-        rows = self._rows(walk.segments(), walk.state.at)
-        state = walk.state
-        del self._walls[: state.number]
-        self._state = state._replace(at=state.at + base, wall=state.wall + base, number=0)
+        data = np.frombuffer(self._data, np.uint8)
+        found, state = segments(data, base, State(at - base, bound - base), walls)
+        rows = self._rows(data, found, state.at)
+        self._walls.clear()
+        self._state = State(state.at + base, state.bound + base)
         self._forget()
         return rows
 
     def _forget(self) -> None:
         """Drop the bytes that have no influence any more."""
         at = self._state.at
-        needed = max(self._state.wall, at - at % CORE - MARGIN)
+        needed = max(self._state.bound, at - at % CORE - MARGIN)
         start = max(self._base, min(self._emitted, needed))
         self._data, self._base = self._data[start - self._base :], start
         self._times.forget(self._emitted)
@@ -257,11 +250,10 @@ class Framer:
 
     # Rows
 
-    def _rows(self, segments: Division, at: int) -> Rows:
+    def _rows(self, data: Codes, found: Segments, at: int) -> Rows:
         """The rows of segments, and of the noise between them; offsets are in the data."""
-        data = np.frombuffer(self._data, np.uint8)
-        faults, framed, is_kept = judged(data, segments)
-        start, stop = segments.start[is_kept], segments.stop[is_kept]
+        faults, framed, is_kept = judged(data, found)
+        start, stop = found.start[is_kept], found.stop[is_kept]
         faults, framed = faults[is_kept], framed[is_kept]
         first, last = np.append(self._emitted - self._base, stop), np.append(start, at)
         last[-1] -= (last[-1] - first[-1]) % MOST_BYTES
@@ -305,8 +297,7 @@ def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
     is_noise = last > first
     first, last = first[is_noise], last[is_noise]
     counts = -((first - last) // MOST_BYTES)
-    before = np.cumsum(counts) - counts
-    start = np.repeat(first - MOST_BYTES * before, counts) + MOST_BYTES * np.arange(counts.sum())
+    start = ranges(first, counts, MOST_BYTES)
     return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)
 
 
@@ -355,7 +346,7 @@ def _field_faults() -> Array:
 _FIELD_FAULTS: Final = _field_faults()
 
 
-def judged(data: Codes, segments: Division) -> tuple[Array, Bools, Bools]:
+def judged(data: Codes, segments: Segments) -> tuple[Array, Bools, Bools]:
     """By segment: its faults, whether it is a frame, and whether it is not noise after all."""
     faults = np.zeros(len(segments.start), np.uint16)
     framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)

@@ -1,6 +1,6 @@
 """How gaps are divided: scores of all candidates, posterior probabilities; all gaps at once.
 
-A gap is the bytes between two runs of frames in step. It is divided into frames, damaged frames and
+A gap is the bytes between two bounds (`islands`). It is divided into frames, damaged frames and
 noise. A candidate is a span of 1 to 14 bytes that may have been one frame: whole, or with one
 damage, which leaves `head` first bytes and `rest` last bytes of the frame:
 
@@ -179,9 +179,10 @@ def divide(data: Array, gaps: Gaps) -> Divided:
         own = order[at : at + _MOST_GAPS]
         found = _divide(data, gaps.select(own))
         parts.append(found._replace(gap=own[found.gap]))
+    if not parts:
+        return Divided(order, order, order, np.zeros(0))
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    rows = np.lexsort((columns[1], columns[0]))
-    return Divided(*(column[rows] for column in columns))
+    return Divided(*columns)
 
 
 def _divide(data: Array, gaps: Gaps) -> Divided:

@@ -218,7 +218,9 @@ def test_silence_decides_the_undecidable_stream() -> None:
             Chunk("p", START + number * 30 * MS, stream[start:stop])
             for number, (start, stop) in enumerate(pairwise(cuts))
         ]
-        assert {(len(row.raw), row.faults) for row in framed(chunks)[1:-1]} == {(10, ())}
+        rows = [row for row in framed(chunks) if shift + 10 <= row.offset < len(stream) - 10]
+        assert {row.offset % 10 for row in rows} == {shift}
+        assert {(len(row.raw), row.faults) for row in rows} == {(10, ())}
 
 
 def test_a_frame_may_be_repeated_for_ever() -> None:
@@ -412,16 +414,6 @@ def test_times_never_fall(reads: list[tuple[int, int]]) -> None:
     assert times == sorted(t for t in times if t is not None)
 
 
-def test_times_may_fall_after_the_clock_was_set() -> None:
-    framer = Framer("p")
-    framer.push(Chunk("p", START, FRAME))
-    framer.reset_clock()
-    framer.push(Chunk("p", START - 3600_000 * MS, FRAME))
-    first, second = framer.finish()
-    assert second.t_ns == START - 3600_000 * MS - FRAME_LENGTH * BYTE_NS
-    assert first.t_ns == START - FRAME_LENGTH * BYTE_NS
-
-
 def test_input_without_times_gives_rows_without_times() -> None:
     rows = rows_of(FRAME * 2 + b"\x01")
     assert [(row.t_ns, row.delay_ns) for row in rows] == [(None, None)] * 3
@@ -494,16 +486,20 @@ def test_long_noise_byte_by_byte_stays_noise(lead: int) -> None:
     assert {len(row.raw) for row in rows[:-1]} == {MOST_BYTES}
 
 
-def test_few_bytes_wait() -> None:
+@pytest.mark.parametrize(
+    "unit", ["AA", "EE", "00", "55 02", "AA 02 03 EE 55 02 01 03 E8 EE", "AA EE"]
+)
+def test_few_bytes_wait(unit: str) -> None:
     """Whatever comes: memory is bounded, and what was received is soon in a row."""
-    for unit in ("AA", "EE", "00", "55 02", "AA 02 03 EE 55 02 01 03 E8 EE", "AA EE"):
-        framer, size, given = Framer("p"), 0, 0
-        for _ in range(8):
-            data = bytes.fromhex(unit) * 300
-            framer.push(Chunk("p", None, data))
-            size += len(data)
-            given += framer.drain().size
-            assert size - given <= 160
+    framer, size, given = Framer("p"), 0, 0
+    for _ in range(8):
+        data = bytes.fromhex(unit) * 300
+        framer.push(Chunk("p", None, data))
+        size += len(data)
+        given += framer.drain().size
+        assert size - given <= 160
+    framer.push(Chunk("p", None, FRAME * 3))
+    assert [row.raw for row in framer.finish()][-3:] == [FRAME] * 3
 
 
 pieces = [FRAME, FRAME[:4], FRAME[4:], b"\xaa", b"\xee", b"\x00\x17", b"\x55\x01"]
