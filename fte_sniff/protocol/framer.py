@@ -23,7 +23,7 @@ from fte_sniff.protocol.gap import IS_HEADER, LEGAL
 from fte_sniff.protocol.islands import (
     CORE,
     MARGIN,
-    Segments,
+    DecidedSegments,
     State,
     Wall,
     ranges,
@@ -250,7 +250,7 @@ class Framer:
 
     # Rows
 
-    def _rows(self, data: Codes, found: Segments, at: int) -> Rows:
+    def _rows(self, data: Codes, found: DecidedSegments, at: int) -> Rows:
         """The rows of segments, and of the noise between them; offsets are in the data."""
         faults, framed, is_kept = judged(data, found)
         start, stop = found.start[is_kept], found.stop[is_kept]
@@ -346,7 +346,7 @@ def _field_faults() -> Array:
 _FIELD_FAULTS: Final = _field_faults()
 
 
-def judged(data: Codes, segments: Segments) -> tuple[Array, Bools, Bools]:
+def judged(data: Codes, segments: DecidedSegments) -> tuple[Array, Bools, Bools]:
     """By segment: its faults, whether it is a frame, and whether it is not noise after all."""
     faults = np.zeros(len(segments.start), np.uint16)
     framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)

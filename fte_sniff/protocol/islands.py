@@ -83,7 +83,7 @@ class State(NamedTuple):
     """Offset of the last bound; less than `at` within a wide gap."""
 
 
-class Segments(NamedTuple):
+class DecidedSegments(NamedTuple):
     """Segments that are not noise, and bounds where noise ends, in columns."""
 
     start: Ints
@@ -93,7 +93,9 @@ class Segments(NamedTuple):
     """Of a whole frame; 0 for all other segments, and for a frame that others contest."""
 
 
-def segments(data: Codes, base: int, state: State, walls: Sequence[Wall]) -> tuple[Segments, State]:
+def segments(
+    data: Codes, base: int, state: State, walls: Sequence[Wall]
+) -> tuple[DecidedSegments, State]:
     """All that can be decided from a state on, by offset, and the state after it.
 
     `base` is the stream offset of the first byte of the data; all other offsets are in the data.
@@ -113,8 +115,8 @@ def segments(data: Codes, base: int, state: State, walls: Sequence[Wall]) -> tup
         start, stop = np.append(start, bound), np.append(stop, _FAR)
     found, at = _divided(data, _windows(start, stop, state.at, base % CORE, known))
     is_sure = ~_mask(contested, len(data))[frame + FRAME_LENGTH]
-    frames = Segments(frame, frame + FRAME_LENGTH, is_sure.astype(np.float64))
-    found = _in_order(state.at, Segments(ends, ends, np.zeros(len(ends))), frames, found)
+    frames = DecidedSegments(frame, frame + FRAME_LENGTH, is_sure.astype(np.float64))
+    found = _in_order(state.at, DecidedSegments(ends, ends, np.zeros(len(ends))), frames, found)
     return found, State(max(state.at, bound, at, int(found.stop[-1:].max(initial=0))), bound)
 
 
@@ -130,13 +132,13 @@ def _mask(offsets: Ints, size: int) -> Bools:
     return found
 
 
-def _in_order(at: int, *parts: Segments) -> Segments:
+def _in_order(at: int, *parts: DecidedSegments) -> DecidedSegments:
     """The segments by offset, without those that begin within the one before, or before `at`."""
     columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
     order = np.argsort(columns[0], kind="stable")
     start, stop, probability = (column[order] for column in columns)
     is_first = start >= np.maximum.accumulate(np.append(at, stop))[:-1]
-    return Segments(start[is_first], stop[is_first], probability[is_first])
+    return DecidedSegments(start[is_first], stop[is_first], probability[is_first])
 
 
 def _ends(raw: bytes, strict: Ints, bound: int, walls: Sequence[Wall]) -> list[int]:
@@ -189,12 +191,12 @@ def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> _Windo
     return _Windows(gaps, np.maximum(core, start), np.minimum(core + length, stop))
 
 
-def _divided(data: Codes, windows: _Windows) -> tuple[Segments, int]:
+def _divided(data: Codes, windows: _Windows) -> tuple[DecidedSegments, int]:
     """The segments of windows, and the offset up to which these are decided."""
     gaps, first, last = windows
     number, start, stop, probability = divide(data, gaps)
     own = (start >= first[number]) & (start < last[number])
-    return Segments(start[own], stop[own], probability[own]), int(last.max(initial=0))
+    return DecidedSegments(start[own], stop[own], probability[own]), int(last.max(initial=0))
 
 
 def ranges(first: Ints, counts: Ints, step: int) -> Ints:
