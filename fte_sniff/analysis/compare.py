@@ -15,7 +15,7 @@ Periods longer than `PAUSE` medians are pauses of the host: they count for no ra
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import product
 from math import inf, log2
 from typing import Final, NamedTuple
@@ -162,50 +162,53 @@ class Number:
     """The motors of which several changed alike."""
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(NamedTuple):
     """What changed, and what was compared."""
 
     numbers: Sequence[Number]
     """All that was compared, by measure."""
     not_compared: Sequence[TranslatableText]
     """What could not be, with the reason."""
-    changes: Sequence[Number] = field(init=False)
-    """The numbers that changed, best first; motors that changed alike are one."""
 
-    def __post_init__(self) -> None:
-        named = [one for one in self.numbers if one.score]
-        object.__setattr__(self, "changes", _ranked(named))
+    @property
+    def changes(self) -> Sequence[Number]:
+        """The numbers that changed, best first; motors that changed alike are one."""
+        return of_most_motors(
+            sorted((one for one in self.numbers if one.score), key=lambda one: -one.score),
+            lambda one, other: _topic(one) == _topic(other),
+            lambda group, motors: {"motors": motors},
+        )
 
     def covers(self, measure: str) -> bool:
         """Whether a measure was compared; empty for any."""
         return any(measure in ("", one.measure) for one in self.numbers)
 
 
-@dataclass(frozen=True)
-class _Side:
+def _topic(one: Number) -> tuple[str, str | None, bool]:
+    """What changes of three or four motors have in common that are listed as one."""
+    return one.measure, one.kind, (one.after or 0.0) > (one.before or 0.0)
+
+
+class _Side(NamedTuple):
     """What was counted on one side."""
 
     name: TranslatableText
     counts: Counts
     events: Events
 
-    def periods(self, **keys: object) -> pl.DataFrame:
-        """The periods of frames with some keys."""
-        return chosen(self.counts["periods"], **keys)
-
 
 _Missing = list[TranslatableText]
+_Of = tuple[str, int | None, str | None]
+"""The port, motor and kind that a number is about."""
 _Sides = tuple[_Side, _Side]
 
 
 def compared(before: Counts, after: Counts) -> Comparison:
     """Compare what was counted on two sides."""
-    names = TranslatableText("the first side"), TranslatableText("the second side")
-    first, second = (
-        _Side(name, side, Events(side)) for name, side in zip(names, (before, after), strict=True)
+    sides = (
+        _Side(TranslatableText("the first side"), before, Events(before)),
+        _Side(TranslatableText("the second side"), after, Events(after)),
     )
-    sides = first, second
     if hidden := [one for side in sides for one in side.events.hidden_by]:
         return Comparison([], [hidden_text(hidden)])
     if empty := [side.name for side in sides if not side.events.extent["sum timed"]]:
@@ -245,14 +248,16 @@ class _Histogram:
 
     def __init__(self, bins: Ints, parts: Ints) -> None:
         """`parts` are the counts by part and bin."""
-        self.middles, self.parts = middles(bins, COARSE), parts
-        self.whole: Ints = parts.sum(axis=0)
-        self._bins = bins
+        self._bins, self.middles, self.parts = bins, middles(bins, COARSE), parts
+        self.counts: Ints = parts.sum(axis=1)
+        """By part."""
+        self._sizes: Ints = np.vstack((parts.sum(axis=0), parts[self.counts >= LEAST_VALUES]))
+        """The counts of the whole, and of the parts with enough values."""
 
     @classmethod
-    def of(cls, counts: pl.DataFrame) -> _Histogram:
-        """Those of counts with `window`, `bin` and `sum count`."""
-        counts = counts.filter(pl.col("bin") != _NO_PERIOD)
+    def of(cls, counts: pl.DataFrame, **keys: object) -> _Histogram:
+        """Those with some keys of counts with `window`, `bin` and `sum count`."""
+        counts = chosen(counts, **keys).filter(pl.col("bin") != _NO_PERIOD)
         present, at = np.unique(counts["window"].to_numpy(), return_inverse=True)
         bins, of_bin = np.unique(counts["bin"].to_numpy(), return_inverse=True)
         parts = np.zeros((PARTS, len(bins)), np.int64)
@@ -260,41 +265,33 @@ class _Histogram:
         np.add.at(parts, (part, of_bin), counts["sum count"].to_numpy())
         return cls(bins, parts)
 
-    def only(self, kept: Bools) -> _Histogram:
+    @property
+    def median(self) -> float:
+        """The median of the whole, nanoseconds; 0 without durations."""
+        return self.each(_MEDIAN)[0] if self.counts.any() else 0.0
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether half of the parts have enough values."""
+        return len(self._sizes) > PARTS // 2
+
+    def where(self, kept: Bools) -> _Histogram:
         """Only some of the bins."""
         return _Histogram(self._bins[kept], self.parts[:, kept])
 
-    @property
-    def median(self) -> float:
-        """The median of the whole, nanoseconds."""
-        return self.number(self.whole, _MEDIAN)
+    def each(self, share: tuple[float, float]) -> list[float]:
+        """A number of the whole, and of each part with enough values, nanoseconds.
 
-    def number(self, counts: Ints, share: tuple[float, float]) -> float:
-        """The difference of two quantiles, nanoseconds; the mean if both are 0."""
+        It is the difference of two quantiles, of which that of 0 is 0; the mean if both are 0.
+        """
         if not any(share):
-            return float((self.middles * counts).sum() / counts.sum())
-        total = np.cumsum(counts)
-        ends = (self.middles[np.searchsorted(total, max(1, one * total[-1]))] for one in share)
-        low, high = ends
-        return float(high - low if share[0] else high)
-
-    def each(self, share: tuple[float, float]) -> tuple[float, list[float]]:
-        """A number of the whole, and of the parts with enough values."""
-        parts = [one for one in self.parts if one.sum() >= LEAST_VALUES]
-        return self.number(self.whole, share), [self.number(one, share) for one in parts]
-
-
-class _Of(NamedTuple):
-    """What a number is about."""
-
-    port: str
-    motor: int | None
-    kind: str | None
-
-
-def _is_enough(sides: Sequence[_Histogram]) -> bool:
-    """Whether half of the parts of both sides have enough values."""
-    return all((one.parts.sum(axis=1) >= LEAST_VALUES).sum() >= PARTS // 2 for one in sides)
+            return [float((self.middles * own).sum() / own.sum()) for own in self._sizes]
+        low, high = (
+            np.array([self.middles[np.searchsorted(sum_, one * sum_[-1])] for sum_ in totals])
+            for totals in [np.cumsum(self._sizes, axis=1)]
+            for one in share
+        )
+        return list(map(float, high - low if share[0] else high))
 
 
 def _times(
@@ -304,23 +301,25 @@ def _times(
     changed = set[str]()
     for measure in measures:
         time = _TIMES[measure]
-        (before, first), (after, second) = (side.each(time.share) for side in sides)
+        (before, *first), (after, *second) = (side.each(time.share) for side in sides)
         spread = max(max(one) - min(one) for one in (first, second))
         least = max(spread, time.least_ns, time.least_ratio * min(before, after))
-        is_other = abs(after - before) > least and (measure != "rate" or "period" not in changed)
+        if abs(after - before) > least and (measure != "rate" or "period" not in changed):
+            changed.add(measure)
         ratio = (after + time.least_ns) / (before + time.least_ns)
-        score = abs(log2(ratio)) if is_other else 0.0
+        score = abs(log2(ratio)) if measure in changed else 0.0
         values, shown = (before / 1e9, after / 1e9), (before / 1e6, after / 1e6)
         if measure == "rate":
             values = shown = 1e9 / before, 1e9 / after
         texts = {"before": f"{shown[0]:.3g}", "after": f"{shown[1]:.3g}"}
         yield Number(measure, *of, *values, TranslatableText(time.form, what=what, **texts), score)
-        changed |= {measure} if is_other else set()
 
 
-def _too_few(form: str, kinds: Iterable[str]) -> TranslatableText:
-    seconds = round(PARTS * 2**PERIODS / 1e9)
-    return TranslatableText(form, kinds=listed(kinds), least=PARTS * LEAST_VALUES, seconds=seconds)
+def _too_few(form: str, kinds: Sequence[str], missing: _Missing) -> None:
+    if kinds:
+        seconds = round(PARTS * 2**PERIODS / 1e9)
+        values = {"kinds": listed(kinds), "least": PARTS * LEAST_VALUES, "seconds": seconds}
+        missing.append(TranslatableText(form, **values))
 
 
 def _whose(kind: int, motor: int | None) -> str:
@@ -329,29 +328,24 @@ def _whose(kind: int, motor: int | None) -> str:
 
 
 def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Iterator[Number]:
-    own = [side.periods(port=port) for side, port in zip(sides, ports, strict=True)]
+    own = [chosen(one.counts["periods"], port=port) for one, port in zip(sides, ports, strict=True)]
     keys = [{*one.select("kind", MOTOR).iter_rows()} for one in own]
     names = [{_whose(*key) for key in one} for one in keys]
     _only(sides, names, later("{names}: only {side} has it"), missing)
     few = list[str]()
     for kind, motor in sorted(keys[0] & keys[1], key=str):
-        what, of = _whose(kind, motor), _Of(ports[0], motor, KINDS[kind].name)
-        whole = [_Histogram.of(chosen(one, **{"kind": kind, MOTOR: motor})) for one in own]
-        active = [one.only(one.middles <= PAUSE * one.median) for one in whole if len(one.whole)]
-        if len(active) < len(whole) or not _is_enough(active):
+        what, of = _whose(kind, motor), (ports[0], motor, KINDS[kind].name)
+        whole = [_Histogram.of(one, **{"kind": kind, MOTOR: motor}) for one in own]
+        active = [one.where(one.middles <= PAUSE * one.median) for one in whole]
+        if not all(one.is_enough for one in active):
             few.append(what)
             continue
         yield from _times(active, ("period", "rate", "period_p99", "jitter"), what, of)
         if KINDS[kind].direction is Direction.FEEDBACK:
             least_ns = max(5e8, *(5 * one.median for one in active))
-            silent = [one.only(one.middles > least_ns) for one in whole]
-            pairs = [
-                (one.parts.sum(axis=1), all_.parts.sum(axis=1))
-                for one, all_ in zip(silent, whole, strict=True)
-            ]
+            pairs = [(one.where(one.middles > least_ns).counts, one.counts) for one in whole]
             yield _share("silence", pairs, what, of)
-    if few:
-        missing.append(_too_few(_FEW_PERIODS, few))
+    _too_few(_FEW_PERIODS, few, missing)
 
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
@@ -362,23 +356,21 @@ def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
         asked = [one.total(f"asked {motor}") > 0 for one in windows]
         if all(asked):
             pairs = [_by_block(one, f"missed {motor}", f"asked {motor}") for one in windows]
-            yield _share("unanswered", pairs, what, _Of("", motor, None))
+            yield _share("unanswered", pairs, what, ("", motor, None))
         elif any(asked):
             name = sides[asked[0]].name
             form = "answers of motor {motor}: {side} does not have them"
             missing.append(TranslatableText(form, motor=motor, side=name))
         for code, kind in enumerate(KINDS):
             delays = [
-                _Histogram.of(chosen(side.counts["delays"], motor=motor, kind=code))
-                for side in sides
+                _Histogram.of(side.counts["delays"], motor=motor, kind=code) for side in sides
             ]
-            of = _Of("", motor, kind.name)
-            if all(asked) and _is_enough(delays):
+            of = ("", motor, kind.name)
+            if all(asked) and all(one.is_enough for one in delays):
                 yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
-            elif all(asked) and all(len(one.whole) for one in delays):
+            elif all(asked) and all(one.counts.any() for one in delays):
                 few.append(_whose(code, motor))
-    if few:
-        missing.append(_too_few(_FEW_ANSWERS, few))
+    _too_few(_FEW_ANSWERS, few, missing)
 
 
 def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:
@@ -386,7 +378,7 @@ def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:
     for fault in map(str, Fault):
         pairs = [_by_block(one, f"fault {fault}", "rows") for one in windows]
         if any(own.any() for own, _ in pairs):
-            yield _share("damage", pairs, fault, _Of(ports[0], None, fault))
+            yield _share("damage", pairs, fault, (ports[0], None, fault))
 
 
 def _of_flags(sides: _Sides) -> Iterator[Number]:
@@ -398,7 +390,7 @@ def _of_flags(sides: _Sides) -> Iterator[Number]:
         ):
             pairs = [_by_block(side.events.windows, name, rows) for side in sides]
             if all(of.any() for _, of in pairs) and any(own.any() for own, _ in pairs):
-                yield _share(measure, pairs, what, _Of("", motor, None))
+                yield _share(measure, pairs, what, ("", motor, None))
 
 
 _Pair = tuple[Ints, Ints]
@@ -492,18 +484,3 @@ def _of_findings(sides: _Sides, missing: _Missing) -> Iterator[Number]:
     form = "findings {causes}: {why}"
     for causes_, why in (one for report in reports for one in report.reasons()):
         missing.append(TranslatableText(form, causes=causes_, why=why))
-
-
-def _ranked(found: Iterable[Number]) -> list[Number]:
-    """The changes, best first; the same change of three or four motors is one."""
-    return of_most_motors(
-        sorted(found, key=lambda one: -one.score),
-        lambda one, other: (
-            (one.measure, one.kind, _rises(one)) == (other.measure, other.kind, _rises(other))
-        ),
-        lambda group, motors: {"motors": motors},
-    )
-
-
-def _rises(one: Number) -> bool:
-    return (one.after or 0.0) > (one.before or 0.0)
