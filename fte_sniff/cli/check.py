@@ -22,7 +22,7 @@ from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol import Status, iso_time, spaced_hex
-from fte_sniff.session.stats_json import finding_json
+from fte_sniff.session.stats_json import fields_json, finding_json, time_json
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -116,14 +116,14 @@ def _lines(verdicts: Sequence[Verdict], query: InputQuery, zone: tzinfo) -> Iter
     """A line for each rule, and its details below it."""
     from rich.text import Text
 
-    rows, styles = [], []
+    rows = []
     for one in verdicts:
         mark = LOOKS[Status.MALFORMED if one.refuses else Status.OK].mark
         expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
         allowed = " (allowed)" * (one.result == "not covered" and not one.refuses)
         name = f"{mark} {printable(one.rule.name)}"
         rows.append([name, _measured(one), expected, f"{one.result}{allowed}"])
-        styles.append(LOOKS[_STATUS[one.result]].style)
+    styles = [LOOKS[_STATUS[one.result]].style for one in verdicts]
     head, *lines = table_lines(["  rule", "measured", "expected", "verdict"], rows, styles)
     yield head
     for one, line in zip(verdicts, lines, strict=True):
@@ -165,19 +165,17 @@ def _view_command(verdict: Verdict, query: InputQuery) -> str:
 
     Empty without one, and for rows that cannot be read again.
     """
-    row = verdict.row
-    if STDIN in query.files:
+    row, found, path = verdict.row, verdict.finding, Path(verdict.file)
+    if STDIN in query.files or not (row or found):
         return ""
-    if (found := verdict.finding) is not None:
+    if verdict.file and path.exists():
+        query = replace(query, files=(path,))
+    if found:
         return query.view_command(found.decided_ns, found.filter)
-    if row is None:
-        return ""
-    path = Path(verdict.file)
-    own = replace(query, files=(path,)) if verdict.file and path.exists() else query
-    if row.t_ns is None:
-        return own.view_command(None, verdict.filter)
-    seconds = verdict.value or 0 if verdict.rule.measure == "max_gap" else 0
-    return own.view_command((row.t_ns, row.t_ns + round(seconds * 1e9)), verdict.filter)
+    if row is None or row.t_ns is None:
+        return query.view_command(None, verdict.filter)
+    gap_s = (verdict.value or 0) if verdict.rule.measure == "max_gap" else 0
+    return query.view_command((row.t_ns, row.t_ns + round(gap_s * 1e9)), verdict.filter)
 
 
 def _object(
@@ -186,14 +184,13 @@ def _object(
     reading: InputReading,
     query: InputQuery,
 ) -> dict[str, Any]:
-    errors, ends = [str(error) for error in reading.unreadable], ("least t", "greatest t")
-    first, last = (None if extent[one] is None else iso_time(extent[one]) for one in ends)
+    errors = [str(error) for error in reading.unreadable]
     return {
         "version": VERSION,
         "passed": not errors and not any(one.refuses for one in verdicts),
         "rows": extent["sum rows"],
-        "first_time": first,
-        "last_time": last,
+        "first_time": time_json(extent["least t"]),
+        "last_time": time_json(extent["greatest t"]),
         "errors": errors,
         "notes": reading.notes,
         "rules": [_rule(one, query) for one in verdicts],
@@ -204,28 +201,23 @@ def _rule(verdict: Verdict, query: InputQuery) -> dict[str, Any]:
     rule, row, found = verdict.rule, verdict.row, verdict.finding
     view = {"view": _view_command(verdict, query) or None}
     return {
-        "name": rule.name,
-        "expect": rule.expect,
-        "may_be_uncovered": rule.may_be_uncovered,
+        **fields_json(rule, "name", "expect", "may_be_uncovered", "operator", "number"),
+        "unit": rule.unit or None,
         "verdict": str(verdict.result),
         "measured": verdict.value,
-        "unit": rule.unit or None,
-        "operator": rule.operator,
-        "number": rule.number,
         "needs": verdict.needs or None,
-        "row": row and _row(verdict, row) | view,
+        "row": row and _row(verdict.file, row) | view,
         "finding": found and finding_json(found) | view,
         "change": (rule.measure == "changed" and verdict.text) or None,
         "text": verdict.text or None,
     }
 
 
-def _row(verdict: Verdict, row: Row) -> dict[str, Any]:
+def _row(file: str, row: Row) -> dict[str, Any]:
     return {
-        "time": None if row.t_ns is None else iso_time(row.t_ns),
-        "file": verdict.file or None,
-        "port": row.port,
-        "offset": row.offset,
+        **fields_json(row, "port", "offset"),
+        "time": time_json(row.t_ns),
+        "file": file or None,
         MOTOR: row.values.get(MOTOR),
         "raw": row.raw.hex().upper(),
     }

@@ -36,9 +36,9 @@ def statistics_json(
         "notes": reading.notes,
         "left_out": [
             {
-                **_fields(gap, "rows", "reason"),
-                "first_time": _time(gap.start_ns),
-                "last_time": _time(gap.end_ns),
+                **fields_json(gap, "rows", "reason"),
+                "first_time": time_json(gap.start_ns),
+                "last_time": time_json(gap.end_ns),
             }
             for gap in reading.reported_gaps
         ],
@@ -49,7 +49,8 @@ def statistics_json(
     }
 
 
-def _time(t_ns: int | None) -> str | None:
+def time_json(t_ns: int | None) -> str | None:
+    """A time in UTC, or None."""
     return None if t_ns is None else iso_time(t_ns)
 
 
@@ -70,22 +71,23 @@ def findings_json(report: Report) -> Json:
 def _extent_json(extent: Mapping[str, Any]) -> Json:
     return {
         "rows": extent["sum rows"],
-        "first": _time(extent["least t"]),
-        "last": _time(extent["greatest t"]),
+        "first": time_json(extent["least t"]),
+        "last": time_json(extent["greatest t"]),
     }
 
 
 def finding_json(one: Finding) -> Json:
     """One finding as an object."""
     return {
-        **_fields(one, "cause", "port", MOTOR, "kind"),
+        **fields_json(one, "cause", "port", MOTOR, "kind"),
         "first": iso_time(one.first_ns),
         "last": iso_time(one.last_ns),
-        **_fields(one, "events", "rows", "usual", "text", "filter"),
+        **fields_json(one, "events", "rows", "usual", "text", "filter"),
     }
 
 
-def _fields(one: object, *names: str) -> Json:
+def fields_json(one: object, *names: str) -> Json:
+    """Attributes by their names."""
     return {name: getattr(one, name) for name in names}
 
 
@@ -103,5 +105,5 @@ def comparison_json(found: Comparison, before: Counts, after: Counts) -> Json:
 
 def number_json(one: Number) -> Json:
     """A number of both sides."""
-    values = _fields(one, "measure", MOTOR, "kind", "before", "after", "text")
+    values = fields_json(one, "measure", MOTOR, "kind", "before", "after", "text")
     return {**values, "port": one.port or None}
