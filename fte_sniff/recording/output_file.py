@@ -199,7 +199,7 @@ class OutputFile:
         except OSError as error:
             is_there = not isinstance(error, FileNotFoundError | NotADirectoryError)
         if not is_there or own.st_size < least:
-            raise LostDataError(_LOST)
+            raise LostDataError
 
     def _unlock(self) -> None:
         if self._replaced is not None:
@@ -254,8 +254,9 @@ class KnownFile(NamedTuple):
 class LostDataError(OSError):
     """Another program deleted, moved, replaced or cut off the file."""
 
+    def __init__(self) -> None:
+        super().__init__(TranslatableText("the file was deleted, moved, replaced or cut off"))
 
-_LOST: Final = TranslatableText("the file was deleted, moved, replaced or cut off")
 
 STOPPED: Final[Mapping[type[OSError], str]] = {
     LostDataError: "recording stopped: {path} was deleted, moved, replaced or cut off while it was "

@@ -142,24 +142,38 @@ class AppendFile:
         return self.end + len(self._tail)
 
     def append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
-        """Write data and a new tail; raises OSError, and the file has its old tail then."""
-        wait = self.sync if waits else lambda: None
+        """Write data and a new tail.
+
+        Raises LostDataError, or another OSError, and the file has its old tail then.
+        """
         start, size, new = self.end, self.size, data + tail
         after = max(start + len(new), size)
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         try:
             self._write(END, after)
-            wait()
+            self._settle(after + len(END), waits=waits)
             self._write(private + new[HEAD.size :], start)
-            wait()
+            self._settle(after + len(END), waits=waits)
             self._write(new[: HEAD.size], start)
             os.ftruncate(self._descriptor, start + len(new))
-            wait()
+            self._settle(start + len(new), waits=waits)
+        except LostDataError:
+            raise
         except OSError:
             self._write(self._tail, start)
             os.ftruncate(self._descriptor, size)
             raise
         self.end, self._tail = start + len(data), tail
+
+    def _settle(self, least: int, *, waits: bool) -> None:
+        """Wait for the disk; if another program cut off the file meanwhile, raise LostDataError.
+
+        The next write would fill what is missing with zeros.
+        """
+        if waits:
+            self.sync()
+        if os.fstat(self._descriptor).st_size < least:
+            raise LostDataError
 
     def sync(self) -> None:
         """Wait until the disk has what was written; raises OSError."""

@@ -193,6 +193,26 @@ def test_a_file_that_another_program_takes_is_reported(change, tmp_path: Path) -
     assert writer.is_gone
 
 
+@pytest.mark.parametrize("wait", range(3))
+def test_a_file_that_is_cut_off_while_the_disk_is_awaited_is_reported(
+    wait: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next write would make the file as long as it was, with a hole."""
+    path, rows, sync_data = tmp_path / "x.mcap", some_rows(), writer_module.sync_data
+    writer = RecordingWriter(path, [FIRST])
+    flush_each(writer, rows[:30], 30)
+    waits = iter(range(3))
+
+    def cut(descriptor: int) -> None:
+        sync_data(descriptor)
+        if next(waits) == wait:
+            os.truncate(path, 500)
+
+    monkeypatch.setattr(writer_module, "sync_data", cut)
+    assert "was deleted, moved, replaced or cut off while" in refused(writer, rows[30:])
+    assert writer.is_gone
+
+
 def test_a_folder_that_refuses_files_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="its folder does not exist"):
         RecordingWriter(tmp_path / "none" / "x.mcap", [FIRST])
