@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
 from itertools import chain
@@ -34,7 +34,7 @@ from mcap.well_known import MessageEncoding
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import cores, is_locked, read_at
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
-from fte_sniff.protocol.rows import Array, Bools, Ints, Item, Rows
+from fte_sniff.protocol.rows import Array, Bools, Item, Rows
 from fte_sniff.recording.chunks import (
     HEAD,
     MAGIC,
@@ -60,7 +60,8 @@ from fte_sniff.recording.schema import (
     EVENTS,
     TOPIC_BY_NAME,
     TOPICS,
-    channels_of,
+    Topic,
+    channel_ids,
     message_class,
     schema_data,
     schema_name,
@@ -140,8 +141,6 @@ class Recording:
         self.messages = 0
         """Messages in the chunks that were read so far."""
         self._decoder = MessageDecoder()
-        self._types: dict[int, MessageType] = {}
-        self._ports: dict[int, str] = {}
         self._rows = 0
         self._copy: IO[bytes] | None = None
         if stream is not None:
@@ -153,9 +152,7 @@ class Recording:
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
             first = [] if self.contents.is_indexed else self.contents.chunks[:_MOST_FIRST]
             parts = _unpacked(file.fileno(), first)
-        self._define(self.contents)
-        for part in [part for part in parts if isinstance(part, Messages)][:1]:
-            self._define_from(part)
+        self._define_from([part for part in parts if isinstance(part, Messages)][:1])
         if not is_growing or self.contents.channels:
             self._check_topics()
 
@@ -164,8 +161,8 @@ class Recording:
     @property
     def ports(self) -> list[PortFacts]:
         """The ports of its channels, each once."""
-        channels = [self.contents.channels[id_] for id_ in self._types]
-        facts = {self._ports[one.id]: one.metadata.get("baud", "") for one in channels}
+        channels = [one for one in self.contents.channels.values() if _is_ours(one)]
+        facts = {self._port_of(one): one.metadata.get("baud", "") for one in channels}
         return [PortFacts(name, number_in(baud)) for name, baud in facts.items()]
 
     @property
@@ -283,7 +280,8 @@ class Recording:
         chunks += added.chunks
         known = self.contents.metadata
         known += [one for one in added.metadata if one not in known]
-        self._define(added)
+        self.contents.schemas |= added.schemas
+        self.contents.channels |= added.channels
         return added.chunks
 
     def settle(self) -> list[ChunkRef]:
@@ -293,8 +291,9 @@ class Recording:
         with self._open() as file:
             found = contents_of(file)
         found.lost += [one for one in self.contents.lost if one not in found.lost]
+        found.schemas = self.contents.schemas | found.schemas
+        found.channels = self.contents.channels | found.channels
         self.contents = found
-        self._define(found)
         return found.chunks[known:]
 
     @property
@@ -334,11 +333,11 @@ class Recording:
     def _decode(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
         """The rows, port events and gaps of a group that was unpacked."""
         whole = [part for part in parts if isinstance(part, Messages)]
-        for part in whole if not self.contents.is_indexed else ():
-            self._define_from(part)
+        self._define_from(whole if not self.contents.is_indexed else ())
         messages = Messages.joined(whole or [_NO_MESSAGES])
-        self._define_lost(messages.channels)
-        found = self._decoder.decode(messages, self._types, self._ports)
+        used = np.flatnonzero(np.bincount(messages.channels)).tolist()
+        channels = {id_: own for id_ in used if (own := self._channel(id_)) is not None}
+        found = self._decoder.decode(messages, channels)
         self.unreadable += found.unreadable
         self.messages += len(messages.starts)
         self._rows += len(found.rows) + len(found.events)
@@ -368,51 +367,36 @@ class Recording:
                 gap = gap._replace(start_ns=one.first_ns, end_ns=one.last_ns)
             yield place, gap
 
-    def _define_from(self, messages: Messages) -> None:
-        """Apply the definitions at the beginning of a chunk, which has a checksum."""
-        found, end = Contents(), int(messages.starts[0]) if len(messages.starts) else None
-        for opcode, at, stop in records_in(messages.records[:end]):
-            found.define(opcode, messages.records[at + HEAD.size : stop])
-        self._define(found)
+    def _define_from(self, chunks: Iterable[Messages]) -> None:
+        """Apply the definitions at the beginning of chunks, which have a checksum."""
+        for one in chunks:
+            end = int(one.starts[0]) if len(one.starts) else None
+            for opcode, at, stop in records_in(one.records[:end]):
+                self.contents.define(opcode, one.records[at + HEAD.size : stop])
 
-    def _define(self, added: Contents) -> None:
-        """Apply schemas and channels; later ones replace earlier ones of the same number."""
-        self.contents.schemas |= added.schemas
-        self.contents.channels |= added.channels
-        if added.schemas or added.channels:
-            for channel in self.contents.channels.values():
-                self._define_channel(channel)
+    def _channel(self, id_: int) -> tuple[MessageType, str] | None:
+        """The message type and the port of a channel; None if it is not one of ours.
 
-    def _define_channel(self, channel: Channel) -> None:
-        """Find the message type of a channel: by its schema, or by our own if that is lost."""
-        topic = TOPIC_BY_NAME.get(channel.topic)
-        self._types.pop(channel.id, None)
-        if topic is None or channel.message_encoding != MessageEncoding.Protobuf:
-            return
-        schema = self.contents.schemas.get(channel.schema_id)
-        kind = _type_of(schema_name(topic), schema_data(topic.schema))
-        if schema is not None:
-            with suppress(ValueError):
-                kind = _type_of(schema.name, schema.data)
-        self._types[channel.id] = kind
-        self._ports[channel.id] = channel.metadata.get("port", self.path.name)
+        A definition that is lost is that of this program, which numbers the channels of each port.
+        """
+        channel = self.contents.channels.get(id_)
+        if channel is not None and _is_ours(channel):
+            schema = self.contents.schemas.get(channel.schema_id)
+            if schema is not None:
+                with suppress(ValueError):
+                    return _type_of(schema.name, schema.data), self._port_of(channel)
+            return _own_type(TOPIC_BY_NAME[channel.topic]), self._port_of(channel)
+        if not id_ or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
+            return None
+        number, code = divmod(id_ - 1, len(TOPICS))
+        name = self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
+        for other in map(self.contents.channels.get, channel_ids(number)):
+            if other is not None and _is_ours(other):
+                name = self._port_of(other)
+        return _own_type(TOPICS[code]), name
 
-    def _define_lost(self, used: Ints) -> None:
-        """Define the channels whose definitions are damaged as this program numbers them."""
-        known = self.contents.channels
-        counted = np.flatnonzero(np.bincount(used)).tolist()
-        lost = {id_ for id_ in counted if id_ and id_ not in self._types}
-        if not lost or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
-            return
-        for number in {(id_ - 1) // len(TOPICS) for id_ in lost}:
-            name = self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
-            port = channels_of(number, PortFacts(name))
-            like = [known[one.id] for one in port if one.id in known]
-            metadata = [one.metadata for one in like if one.topic in TOPIC_BY_NAME][:1]
-            for one in port:
-                if one.id in lost:
-                    own = metadata[0] if metadata else one.metadata
-                    self._define(Contents(channels={one.id: replace(one, metadata=own)}))
+    def _port_of(self, channel: Channel) -> str:
+        return channel.metadata.get("port", self.path.name)
 
     # The file
 
@@ -448,7 +432,8 @@ class Recording:
         """Raise FileError for an MCAP file of another program; the text lists its topics."""
         is_ours = self.contents.library.startswith(PROGRAM)
         names = sorted({one.topic for one in self.contents.channels.values()})
-        if self._types or is_ours or (self.contents.lost and not names):
+        known = any(map(_is_ours, self.contents.channels.values()))
+        if known or is_ours or (self.contents.lost and not names):
             return
         has: str = listed(map(repr, names[:_MOST_TOPICS])) or TranslatableText("no topics at all")
         if len(names) > _MOST_TOPICS:
@@ -470,6 +455,15 @@ class Recording:
                 "{path} was replaced by another file, or cut off, while it was followed",
                 path=self.path,
             )
+
+
+def _is_ours(channel: Channel) -> bool:
+    is_protobuf = channel.message_encoding == MessageEncoding.Protobuf
+    return is_protobuf and channel.topic in TOPIC_BY_NAME
+
+
+def _own_type(topic: Topic) -> MessageType:
+    return _type_of(schema_name(topic), schema_data(topic.schema))
 
 
 @lru_cache(maxsize=64)

@@ -307,9 +307,9 @@ def schemas() -> list[Schema]:
     ]
 
 
-def channel_id(port: int, topic: int) -> int:
-    """The channel of a port, by its number in the file, on the topic of this index in `TOPICS`."""
-    return port * len(TOPICS) + topic + 1
+def channel_ids(port: int) -> range:
+    """The channels of a port, by its number in the file from 0: one for each of `TOPICS`."""
+    return range(port * len(TOPICS) + 1, (port + 1) * len(TOPICS) + 1)
 
 
 def channels_of(number: int, port: PortFacts) -> list[Channel]:
@@ -319,12 +319,6 @@ def channels_of(number: int, port: PortFacts) -> list[Channel]:
         metadata["baud"] = str(port.baud)
     ids = {schema.name: schema.id for schema in schemas()}
     return [
-        Channel(
-            channel_id(number, code),
-            one.name,
-            MessageEncoding.Protobuf,
-            metadata,
-            ids[schema_name(one)],
-        )
-        for code, one in enumerate(TOPICS)
+        Channel(id_, topic.name, MessageEncoding.Protobuf, metadata, ids[schema_name(topic)])
+        for id_, topic in zip(channel_ids(number), TOPICS, strict=True)
     ]

@@ -236,12 +236,14 @@ class MessageDecoder:
         """By the identity of the message type and the length."""
 
     def decode(
-        self, messages: Messages, types: Mapping[int, MessageType], ports: Mapping[int, str]
+        self, messages: Messages, channels: Mapping[int, tuple[MessageType, str]]
     ) -> Decoded:
-        """The rows and events of messages; `types` and `ports` are by channel.
+        """The rows and events of messages, by the type and the port of their channels.
 
         Messages of other channels are skipped. Noise of more than 16 bytes becomes several rows.
         """
+        types = {id_: kind for id_, (kind, _) in channels.items()}
+        ports = {id_: port for id_, (_, port) in channels.items()}
         known = np.zeros(1 << 16, np.bool_)
         known[list(types)] = True
         own = known.take(messages.channels)

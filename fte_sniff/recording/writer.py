@@ -60,7 +60,7 @@ from fte_sniff.recording.output_file import (
 from fte_sniff.recording.schema import (
     EVENTS,
     TOPICS,
-    channel_id,
+    channel_ids,
     channels_of,
     encodable_items,
     encode_event,
@@ -316,12 +316,9 @@ class Encoder:
 
     def _channels_of(self, rows: Rows, events: Sequence[PortEvent]) -> Ints:
         # A port without rows need not have a number.
-        firsts = np.array([channel_id(self._ports.get(one, 0), 0) for one in rows.ports], np.int64)
-        own = firsts[rows.port] + topics_of(rows)
-        code = TOPICS.index(EVENTS)
-        return np.append(own, [channel_id(self._ports[one.port], code) for one in events]).astype(
-            int
-        )
+        firsts = np.array([channel_ids(self._ports.get(one, 0))[0] for one in rows.ports], np.int64)
+        of_events = [channel_ids(self._ports[one.port])[TOPICS.index(EVENTS)] for one in events]
+        return np.append(firsts[rows.port] + topics_of(rows), of_events).astype(int)
 
     def _groups(
         self, rows: Rows, events: Sequence[PortEvent], log_times: Ints
