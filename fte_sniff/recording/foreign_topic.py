@@ -16,9 +16,9 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Collection, Iterator
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from pathlib import Path
-from typing import BinaryIO, Final, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
@@ -30,14 +30,14 @@ from fte_sniff.platform import read_at
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.chunks import (
     HEAD,
-    DamagedError,
+    Contents,
     contents_of,
     records_in,
     unpack,
 )
 from fte_sniff.recording.schema import message_class
 
-Payload = Callable[[bytes], bytes]
+Payload: TypeAlias = Callable[[bytes], bytes]
 """Extracts the serial bytes from a message; raises ValueError if there are none."""
 
 _Message: TypeAlias = tuple[int, tuple[int, int], int, bytes]
@@ -54,94 +54,60 @@ def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
     A topic is also the name of the port. Raises FileError if the file cannot be read, lacks a
     topic, or a message has no bytes; of a damaged file at its end.
     """
+    payloads: dict[int, Payload] = {}
     try:
         with path.open("rb") as stream:
-            yield from _TopicReader(path, topics, stream).chunks()
+            contents = contents_of(stream)
+            for t_ns, _, id_, data in _in_order(stream.fileno(), contents, topics):
+                if id_ not in payloads:
+                    payloads[id_] = _payload_of(contents.channels[id_], contents)
+                topic, own = contents.channels[id_].topic, payloads[id_](data)
+                yield Chunk(topic, t_ns if t_ns < _END_NS else None, own)
     except OSError as error:
         raise unreadable(path, error) from error
+    except ValueError as error:
+        raise FileError("{path}: {why}", path=path, why=error.args[0]) from error
+    names = sorted({channel.topic for channel in contents.channels.values()})
+    for topic in set(topics).difference(names):
+        has = listed(map(repr, names)) or TranslatableText("no topics at all")
+        raise FileError(
+            "{path} has no topic {topic}: it has {names}", path=path, topic=repr(topic), names=has
+        )
+    for lost in contents.lost:
+        raise FileError("{path}: {where}: {why}", path=path, where=lost.where, why=lost.why)
 
 
-class _TopicReader:
-    """Reads some topics of an open file."""
+def _in_order(descriptor: int, contents: Contents, topics: Collection[str]) -> Iterator[_Message]:
+    """The messages of the topics; raises ValueError at damage."""
+    parts = [(one.first_ns, one.start, one.stop, True) for one in contents.chunks]
+    parts += [(0, start, stop, False) for start, stop in contents.messages]
+    waiting: list[_Message] = []
+    for first_ns, start, stop, is_chunk in sorted(parts):
+        while waiting and waiting[0][0] < first_ns:
+            yield heappop(waiting)
+        data = read_at(descriptor, stop - start, start)
+        records = unpack(data[HEAD.size :]) if is_chunk else data
+        for opcode, at, end in records_in(records):
+            body = records[at + HEAD.size : end]
+            contents.define(opcode, body)
+            if opcode == Opcode.MESSAGE and len(body) >= _MESSAGE_HEAD.size:
+                id_, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
+                channel = contents.channels.get(id_)
+                if channel is not None and channel.topic in topics:
+                    heappush(waiting, (t_ns, (start, at), id_, body[_MESSAGE_HEAD.size :]))
+    while waiting:
+        yield heappop(waiting)
 
-    def __init__(self, path: Path, topics: Collection[str], stream: BinaryIO) -> None:
-        """Find the chunks of the file."""
-        self._path, self._topics, self._descriptor = path, topics, stream.fileno()
-        self._contents = contents_of(stream)
-        self._payloads: dict[int, Payload] = {}
 
-    def chunks(self) -> Iterator[Chunk]:
-        """The bytes of the topics in the order of log times."""
-        waiting = [
-            message
-            for start, stop in self._contents.messages
-            for message in self._messages(start, stop, is_chunk=False)
-        ]
-        heapify(waiting)
-        for chunk in sorted(self._contents.chunks, key=lambda one: (one.first_ns, one.start)):
-            while waiting and waiting[0][0] < chunk.first_ns:
-                yield self._chunk(*heappop(waiting))
-            for message in self._messages(chunk.start, chunk.stop, is_chunk=True):
-                heappush(waiting, message)
-        self._check_topics()
-        while waiting:
-            yield self._chunk(*heappop(waiting))
-        for lost in self._contents.lost:
-            raise FileError(
-                "{path}: {where}: {why}", path=self._path, where=lost.where, why=lost.why
-            )
-
-    def _check_topics(self) -> None:
-        names = sorted({channel.topic for channel in self._contents.channels.values()})
-        for topic in set(self._topics).difference(names):
-            has = listed(map(repr, names)) or TranslatableText("no topics at all")
-            raise FileError(
-                "{path} has no topic {topic}: it has {names}",
-                path=self._path,
-                topic=repr(topic),
-                names=has,
-            )
-
-    def _messages(self, start: int, stop: int, *, is_chunk: bool) -> Iterator[_Message]:
-        """The messages of the topics in a chunk, in file order; or the only one of a record."""
-        data = read_at(self._descriptor, stop - start, start)
-        try:
-            records = unpack(data[HEAD.size :]) if is_chunk else data
-            for opcode, at, end in records_in(records):
-                body = records[at + HEAD.size : end]
-                if opcode != Opcode.MESSAGE:
-                    self._contents.define(opcode, body)
-                elif len(body) >= _MESSAGE_HEAD.size:
-                    id_, _, t_ns, _ = _MESSAGE_HEAD.unpack_from(body)
-                    channel = self._contents.channels.get(id_)
-                    if channel is not None and channel.topic in self._topics:
-                        yield t_ns, (start, at), id_, body[_MESSAGE_HEAD.size :]
-        except DamagedError as error:
-            raise FileError(
-                "{path}: {why} at byte {at}", path=self._path, why=error.args[0], at=start
-            ) from error
-
-    def _chunk(self, t_ns: int, _place: object, id_: int, data: bytes) -> Chunk:
-        channel = self._contents.channels[id_]
-        try:
-            if id_ not in self._payloads:
-                self._payloads[id_] = self._payload_of(channel)
-            own = self._payloads[id_](data)
-        except ValueError as error:
-            raise FileError(
-                "{path}: {topic}: {why}", path=self._path, topic=channel.topic, why=str(error)
-            ) from error
-        return Chunk(channel.topic, t_ns if t_ns < _END_NS else None, own)
-
-    def _payload_of(self, channel: Channel) -> Payload:
-        schema = self._contents.schemas.get(channel.schema_id)
-        if channel.message_encoding == "protobuf" and schema is not None:
-            return _protobuf(schema)
-        if channel.message_encoding == "cdr" and schema is not None:
-            return _cdr(schema)
-        if channel.message_encoding == "json":
-            raise ValueError("its messages are JSON, which is not read")
-        return bytes
+def _payload_of(channel: Channel, contents: Contents) -> Payload:
+    schema = contents.schemas.get(channel.schema_id)
+    if channel.message_encoding == "protobuf" and schema is not None:
+        return _protobuf(schema)
+    if channel.message_encoding == "cdr" and schema is not None:
+        return _cdr(schema)
+    if channel.message_encoding == "json":
+        raise ValueError(f"the messages of {channel.topic} are JSON, which is not read")
+    return bytes
 
 
 def _protobuf(schema: Schema) -> Payload:
