@@ -96,12 +96,14 @@ class Contents:
     library: str = ""
     """The library of the header."""
     statistics: Statistics | None = None
+    listed: list[int] = field(default_factory=list)
+    """Where the metadata records are that a summary lists."""
     is_indexed: bool = False
     """Whether a summary with the right checksum listed the chunks."""
 
     def define(self, opcode: int, body: bytes) -> bool:
-        """Apply a record; False if it is damaged."""
-        kind = _RECORDS.get(opcode)
+        """Apply a record; False if it is damaged. A summary lists chunks and metadata, too."""
+        kind = _RECORDS.get(opcode) or (_INDEXES.get(opcode) if self.is_indexed else None)
         if kind is None:
             return True
         stream = BytesIO(body)
@@ -109,20 +111,26 @@ class Contents:
             record = kind.read(ReadDataStream(stream))
         except (McapError, struct.error, ValueError, OverflowError, MemoryError):
             return False
-        if stream.tell() != len(body):
+        # Bytes that were removed leave lengths that agree by chance.
+        if stream.tell() != len(body) or not getattr(record, "library", "").isprintable():
             return False
-        if isinstance(record, Header) and not record.library.isprintable():
-            return False  # bytes that were removed leave lengths that agree by chance
-        if isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
-        elif isinstance(record, Metadata):
-            self.metadata.append(record)
-        elif isinstance(record, Statistics):
-            self.statistics = record
-        elif isinstance(record, Header):
-            self.library = record.library
+        match record:
+            case Header(library=library):
+                self.library = library
+            case Schema(id=id_):
+                self.schemas[id_] = record
+            case Channel(id=id_):
+                self.channels[id_] = record
+            case Metadata():
+                self.metadata.append(record)
+            case Statistics():
+                self.statistics = record
+            case ChunkIndex(chunk_start_offset=start, chunk_length=length):
+                stop, times = start + length, (record.message_start_time, record.message_end_time)
+                end = stop + record.message_index_length
+                self.chunks.append(ChunkRef(start, stop, end, *times, record.uncompressed_size))
+            case MetadataIndex(offset=offset):
+                self.listed.append(offset)
         return True
 
 
@@ -133,6 +141,10 @@ _RECORDS: Final[dict[int, Any]] = {
     Opcode.METADATA: Metadata,
     Opcode.STATISTICS: Statistics,
 }
+_INDEXES: Final[dict[int, Any]] = {
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.METADATA_INDEX: MetadataIndex,
+}
 
 
 def contents_of(stream: BinaryIO) -> Contents:
@@ -141,57 +153,39 @@ def contents_of(stream: BinaryIO) -> Contents:
 
 
 def _indexed(stream: BinaryIO) -> Contents | None:
-    """What the summary lists; None without one with the right checksum."""
+    """What the summary lists; None without one with the right checksum, or if the file differs."""
     file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
     end = file.size - _FOOTER.size - len(MAGIC)
-    if end < len(MAGIC) or file.read(0, len(MAGIC)) != MAGIC:
+    footer = file.read(end, file.size)
+    if end < len(MAGIC) or len(footer) < _FOOTER.size or file.read(0, len(MAGIC)) != MAGIC:
         return None
-    footer = file.read(end, end + _FOOTER.size)
-    if len(footer) < _FOOTER.size:  # a capture has just replaced the end by a shorter one
-        return None
-    opcode, length, start, _, crc = _FOOTER.unpack(footer)
+    opcode, length, start, _, crc = _FOOTER.unpack_from(footer)
     if (opcode, length) != (Opcode.FOOTER, 20) or not len(MAGIC) <= start < end or not crc:
         return None
     summary = file.read(start, end)
-    if crc32(footer[:-4], crc32(summary)) != crc:
+    if crc32(footer[: _FOOTER.size - 4], crc32(summary)) != crc:
         return None
-    try:
-        return _listed(file, summary)
-    except (McapError, struct.error, ValueError, OverflowError):
-        return None
-
-
-def _listed(file: _Bytes, summary: bytes) -> Contents | None:
-    """What a summary lists, as far as the file has it; None if the file has something else.
-
-    Raises what the records of the summary raise if they make no sense.
-    """
     found = Contents(is_indexed=True)
-    records = [(opcode, summary[at + HEAD.size : stop]) for opcode, at, stop in records_in(summary)]
-    places = [len(MAGIC)]
-    for opcode, body in records:
-        if opcode == Opcode.CHUNK_INDEX:
-            index = ChunkIndex.read(ReadDataStream(BytesIO(body)))
-            start, stop = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
-            times = index.message_start_time, index.message_end_time
-            end = stop + index.message_index_length
-            found.chunks.append(ChunkRef(start, stop, end, *times, index.uncompressed_size))
-        elif opcode == Opcode.METADATA_INDEX:
-            places.append(MetadataIndex.read(ReadDataStream(BytesIO(body))).offset)
-    for at in places:
-        head = _head_at(file, at)
-        if head is None:
-            return None
-        records.append((head[0], file.read(at, head[1])[HEAD.size :]))
-    if not all(found.define(*record) for record in records):
+    try:
+        records = [(opcode, summary[at + HEAD.size : to]) for opcode, at, to in records_in(summary)]
+    except DamagedError:
         return None
+    return found if all(found.define(*one) for one in records) and _fits(file, found) else None
+
+
+def _fits(file: _Bytes, found: Contents) -> bool:
+    """Whether a file has what its summary lists; reads the header and the metadata."""
+    for at in (len(MAGIC), *found.listed):
+        head = _head_at(file, at)
+        if head is None or not found.define(head[0], file.read(at, head[1])[HEAD.size :]):
+            return False
     # Bytes that were removed and inserted between may have shifted chunks.
     if any(_head_at(file, one.start) != (Opcode.CHUNK, one.stop) for one in found.chunks):
-        return None
+        return False
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
-        return None
-    return found if found.chunks or not counted.message_count else None
+        return False
+    return bool(found.chunks) or not counted.message_count
 
 
 def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Contents:
@@ -201,8 +195,7 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     """
     file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
     found = Contents()
-    at = first or _start_of(file, found)
-    before = at - 1
+    at, before = first or len(MAGIC), first - 1
     """The start of the last record whose content agrees with its length, which may be damaged."""
     is_ended = is_growing
     while at < file.size:
@@ -291,16 +284,6 @@ _JOINED: Final = TranslatableText(
 )
 _RECORDS_LOST: Final = TranslatableText("damaged records")
 _END_LOST: Final = TranslatableText("the file is damaged or cut off there")
-
-
-def _start_of(file: _Bytes, found: Contents) -> int:
-    """The offset of the first record; reports a damaged beginning."""
-    if file.read(0, len(MAGIC)) == MAGIC:
-        return len(MAGIC)
-    if _head_at(file, len(MAGIC)) is None:
-        return 0
-    found.lost.append(LostBytes(0, len(MAGIC), _RECORDS_LOST))
-    return len(MAGIC)
 
 
 def _head_at(file: _Bytes, at: int) -> tuple[int, int] | None:

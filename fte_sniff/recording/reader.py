@@ -162,7 +162,7 @@ class Recording:
     def ports(self) -> list[PortFacts]:
         """The ports of its channels, each once."""
         channels = [one for one in self.contents.channels.values() if _is_ours(one)]
-        facts = {self._port_of(one): one.metadata.get("baud", "") for one in channels}
+        facts = {self._port_of(one.id): one.metadata.get("baud", "") for one in channels}
         return [PortFacts(name, number_in(baud)) for name, baud in facts.items()]
 
     @property
@@ -384,19 +384,26 @@ class Recording:
             schema = self.contents.schemas.get(channel.schema_id)
             if schema is not None:
                 with suppress(ValueError):
-                    return _type_of(schema.name, schema.data), self._port_of(channel)
-            return _own_type(TOPIC_BY_NAME[channel.topic]), self._port_of(channel)
-        if not id_ or not self.contents.library.startswith(PROGRAM[: len(self.contents.library)]):
+                    return _type_of(schema.name, schema.data), self._port_of(id_)
+            return _own_type(TOPIC_BY_NAME[channel.topic]), self._port_of(id_)
+        if not id_ or not self._is_own:
             return None
-        number, code = divmod(id_ - 1, len(TOPICS))
-        name = self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
-        for other in map(self.contents.channels.get, channel_ids(number)):
-            if other is not None and _is_ours(other):
-                name = self._port_of(other)
-        return _own_type(TOPICS[code]), name
+        return _own_type(TOPICS[(id_ - 1) % len(TOPICS)]), self._port_of(id_)
 
-    def _port_of(self, channel: Channel) -> str:
-        return channel.metadata.get("port", self.path.name)
+    def _port_of(self, id_: int) -> str:
+        """The port of a channel: its own, that of the port's other channels, or by its number."""
+        number = (id_ - 1) // len(TOPICS)
+        for one in map(self.contents.channels.get, (id_, *channel_ids(number))):
+            if one is not None and "port" in one.metadata:
+                return one.metadata["port"]
+        if not self._is_own:
+            return self.path.name
+        return self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
+
+    @property
+    def _is_own(self) -> bool:
+        """Whether this program wrote the file, as far as its header is left."""
+        return self.contents.library.startswith(PROGRAM[: len(self.contents.library)])
 
     # The file
 
