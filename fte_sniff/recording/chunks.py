@@ -156,7 +156,7 @@ def _indexed(stream: BinaryIO) -> Contents | None:
     """What the summary lists; None without one with the right checksum, or if the file differs."""
     file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
     end = file.size - _FOOTER.size - len(MAGIC)
-    footer = file.read(end, file.size)
+    footer = file.read(max(end, 0), file.size)
     if end < len(MAGIC) or len(footer) < _FOOTER.size or file.read(0, len(MAGIC)) != MAGIC:
         return None
     opcode, length, start, _, crc = _FOOTER.unpack_from(footer)
@@ -195,7 +195,11 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     """
     file = _Bytes(stream.fileno(), os.fstat(stream.fileno()).st_size)
     found = Contents()
-    at, before = first or len(MAGIC), first - 1
+    at = first or len(MAGIC)
+    if not first and file.read(0, at) != MAGIC:
+        at = at if _head_at(file, at) else 0
+        found.lost += [LostBytes(0, at, _RECORDS_LOST)] if at else []
+    before = at - 1
     """The start of the last record whose content agrees with its length, which may be damaged."""
     is_ended = is_growing
     while at < file.size:

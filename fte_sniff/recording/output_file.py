@@ -22,7 +22,7 @@ from secrets import token_hex
 from typing import Final, NamedTuple
 
 from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
-from fte_sniff.platform import POSIX, open_flags, sync_folder, try_to_lock
+from fte_sniff.platform import POSIX, is_locked, open_flags, sync_folder, try_to_lock
 
 _CLOSED: Final = -1
 """The descriptor of a closed file."""
@@ -45,38 +45,6 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
             yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
-def lock_replaced(path: Path) -> int | None:
-    """A descriptor that keeps the lock of a file that is to be replaced.
-
-    None without a file, and on Windows, which does not replace an open file. Raises FileError
-    if another program records to it.
-    """
-    if not POSIX:
-        return None
-    try:
-        descriptor = os.open(path, open_flags("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK"))
-    except OSError:
-        return None
-    try:
-        _lock(descriptor, path, exclusive=False)  # an exclusive lock needs write permission on NFS
-    except FileError:
-        os.close(descriptor)
-        raise
-    return descriptor
-
-
-def _lock(descriptor: int, path: Path, *, exclusive: bool) -> None:
-    """Lock the file; raises FileError if another program has it locked."""
-    try:
-        try_to_lock(descriptor, exclusive=exclusive)
-    except BlockingIOError as error:
-        raise FileError(
-            "{path} is being recorded to by another program; name another file", path=path
-        ) from error
-    except OSError:
-        pass  # a file system without locks
-
-
 def _error(code: int) -> OSError:
     return OSError(code, os.strerror(code))
 
@@ -91,7 +59,6 @@ class OutputFile:
         self.path = path
         """The file's name once `commit` was called."""
         self._existing, self._mode, self._is_hidden = existing, mode, is_hidden
-        self._replaced: int | None = None
         self._is_made = self._is_named = False
         self.descriptor = _CLOSED
         self.made = path
@@ -107,7 +74,7 @@ class OutputFile:
         self._make()
 
     def _check(self) -> None:
-        """Check that the file may have its name, and lock a file that it replaces."""
+        """Check that the file may have its name: that no other program records to it."""
         if self.path.is_dir():
             raise _error(errno.EISDIR)
         if not os.path.lexists(self.path):
@@ -120,8 +87,13 @@ class OutputFile:
             raise FileError("{path} is not a regular file; name another", path=self.path)
         if self._existing is Existing.REFUSE:
             raise _error(errno.EEXIST)
-        if self._existing is Existing.REPLACE and self._replaced is None:
-            self._replaced = lock_replaced(self.path)
+        if self._existing is Existing.REPLACE:
+            with suppress(OSError), self.path.open("rb") as file:
+                if is_locked(file.fileno()):
+                    raise FileError(
+                        "{path} is being recorded to by another program; name another file",
+                        path=self.path,
+                    )
 
     def _make(self) -> None:
         flags = open_flags("O_RDWR", "O_CREAT", "O_EXCL", "O_CLOEXEC")
@@ -134,7 +106,8 @@ class OutputFile:
                     path.unlink(missing_ok=True)
                 self.descriptor = os.open(self.made, flags, self._mode)
                 self._is_made = True
-                _lock(self.descriptor, path, exclusive=True)
+                with suppress(OSError):  # a file system without locks
+                    try_to_lock(self.descriptor)
                 return
         raise _error(errno.EEXIST)
 
@@ -144,14 +117,12 @@ class OutputFile:
             self.path = self.made
         elif self._existing is Existing.REPLACE:
             self._check()  # another file may have the name by now
-            if self._replaced is not None:
-                with suppress(OSError):  # some file systems have no modes
-                    self.made.chmod(stat.S_IMODE(os.fstat(self._replaced).st_mode))
+            with suppress(OSError):  # there is none to replace, or the file system has no modes
+                self.made.chmod(stat.S_IMODE(self.path.stat().st_mode))
             self.made.replace(self.path)
         else:
             self.path = self._link()
         self._is_named = True
-        self._unlock()
         sync_folder(self.path.parent)
 
     def _link(self) -> Path:
@@ -172,7 +143,6 @@ class OutputFile:
     def discard(self) -> None:
         """Close the file, and delete it unless it has its name; what it was to replace is kept."""
         self.close()
-        self._unlock()
         if self._is_made and not self._is_named:
             with suppress(OSError):
                 self.made.unlink()
@@ -200,11 +170,6 @@ class OutputFile:
             is_there = not isinstance(error, FileNotFoundError | NotADirectoryError)
         if not is_there or own.st_size < least:
             raise LostDataError
-
-    def _unlock(self) -> None:
-        if self._replaced is not None:
-            os.close(self._replaced)
-            self._replaced = None
 
 
 @contextmanager
