@@ -13,6 +13,7 @@ later than its bytes were on the wire.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import select
@@ -21,24 +22,29 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.capture.bridge import HOST
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text, is_terminal, open_files
+from fte_sniff.capture.port_errors import port_error
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
 from fte_sniff.capture.source import Connection, Item, Source
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
 
-_READS: Final = ("read", "readv", "pread64", "preadv", "preadv2")
-_WRITES: Final = ("write", "writev", "pwrite64", "pwritev", "pwritev2")
-_UNSHOWN: Final = ("sendfile", "splice")
-"""Calls whose bytes strace does not print."""
+_WRITES: Final = {
+    **dict.fromkeys(("read", "readv", "pread64", "preadv", "preadv2"), False),
+    **dict.fromkeys(("write", "writev", "pwrite64", "pwritev", "pwritev2"), True),
+    "sendfile": None,
+    "splice": None,
+}
+"""The calls that are watched, and whether they write; None for one between two files, whose bytes
+strace does not print."""
 
 LONGEST_PART: Final = 2**20
 """Bytes of each buffer of a system call that strace prints; what follows is counted as lost."""
@@ -56,19 +62,17 @@ LIMITS: Final = TranslatableText(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
+class Call(NamedTuple):
     """One system call of the target that moved bytes."""
 
-    data: bytes
-    missing: int
-    """The number of bytes behind `data` that strace did not print."""
+    name: str
     written: bool
     """Whether the target wrote the bytes; otherwise it read them."""
-    start_ns: int
-    """When it began, nanoseconds since 1970 of the system's clock."""
-    end_ns: int
-    name: str = ""
+    t_ns: int
+    """When it began to write, or has read; nanoseconds since 1970 of the system's clock."""
+    data: bytes
+    missing: int = 0
+    """The number of bytes behind `data` that strace did not print."""
 
 
 _CALL = re.compile(
@@ -93,22 +97,16 @@ def call_of(line: str, device: str) -> Call | None:
     name, arguments, count = found["name"], found["arguments"], int(found["result"])
     if not count:
         return None
-    written = name in _WRITES
-    if name in _UNSHOWN:
+    written = _WRITES.get(name)
+    if written is None:
         # sendfile(to, from, ...), but splice(from, ..., to, ...)
         printed = "".join(f"\\x{byte:02x}" for byte in os.fsencode(device))
         is_first = arguments.partition("<")[2].startswith(f"{printed}>")
         written = is_first is (name == "sendfile")
-    start_ns = _ns(found["time"])
+    t_s = Decimal(found["time"]) + (0 if written else Decimal(found["took"]))
     shown = _PART.findall(arguments.partition('"...')[0] + '"')  # up to the first that is cut
     data = bytes.fromhex("".join(shown).replace("\\x", ""))[:count]
-    end_ns = start_ns + _ns(found["took"])
-    return Call(data, count - len(data), written, start_ns, end_ns, name)
-
-
-def _ns(seconds: str) -> int:
-    whole, _, fraction = seconds.partition(".")
-    return int(whole) * 1_000_000_000 + int(fraction[:9].ljust(9, "0"))
+    return Call(name, written, int(t_s * 1_000_000_000), data, count - len(data))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,68 +132,73 @@ class Attachment:
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
         reconnect = self.reconnect and self.pid is None
-        notes = [LIMITS]  # reported once, however often it is attached again
+        notes = iter([LIMITS])  # reported once, however often it is attached again
         return Source([partial(connect_strace, self, clock, notes)], clock, reconnect=reconnect)
 
 
-def connect_strace(wanted: Attachment, clock: Clock, notes: list[TranslatableText]) -> Connection:
+def connect_strace(
+    wanted: Attachment, clock: Clock, notes: Iterator[TranslatableText]
+) -> Connection:
     """Watch the programs that have the port open; raises as `Attachment.open`."""
-    opened_ns = clock.now_ns()  # before the first call that is seen
-    port = printable(wanted.port)
-    strace = Strace(_holders(wanted, port), os.path.realpath(wanted.port), port)
-    calls = CallReader(wanted.names, strace, clock, notes, opened_ns)
-    attached = TranslatableText("attached: {holders}", holders=holders_text(calls.strace.holders))
+    device = os.path.realpath(wanted.port)
+    strace = Strace(wanted.names, _holders(wanted), device, clock, notes)
+    attached = TranslatableText("attached: {holders}", holders=holders_text(strace.holders))
     return Connection(
         names=wanted.names,
         detail=attached,
-        readers=(calls.items,),
-        close=calls.close,
-        finish=calls.finish,
+        readers=(strace.items,),
+        close=strace.close,
+        place=listed(strace.holders),
         awaited=TranslatableText("waiting for a program that opens it"),
-        opened_ns=opened_ns,
         # What is known is the order of the system calls.
         uncertainty_ns=dict.fromkeys(wanted.names, 0),
         capabilities=TranslatableText("{attached}; {limits}", attached=attached, limits=LIMITS),
     )
 
 
-class CallReader:
-    """The system calls of a strace as chunks of both wires, ordered by time."""
+class Strace:
+    """A running strace, whose lines are chunks of both wires; they come from its standard error."""
 
     def __init__(
         self,
         names: tuple[str, ...],
-        strace: Strace,
+        holders: list[Holder],
+        device: str,
         clock: Clock,
-        notes: list[TranslatableText],
-        opened_ns: int,
+        notes: Iterator[TranslatableText],
     ) -> None:
-        """Read a strace that watches the programs, and take the notes to report first."""
-        self._names, self.strace, self._clock, self._notes = names, strace, clock, notes
-        self._rest = b""
-        self._opened_ns = opened_ns
+        """Watch programs at a device; `names` are the wires, and `notes` are reported first.
+
+        Raises PortError, with the fix, if strace is not installed or cannot watch them.
+        """
+        self._names, self.holders, self._clock = names, holders, clock
+        self._notes = notes
         self._look_s = 0.0
-        self._is_new = True
-        self._is_finishing = False
+        self._watch(device)
+
+    def _watch(self, device: str) -> None:
+        self._device, self._terminals = device, _terminals_of(self.holders)
+        self._process = _started(self._names[0], self.holders, device)
+        self._rest = b""
+        """What was printed and is no whole line yet."""
+        while self._rest.count(b" attached") < len(self.holders):
+            more = self._read()
+            if more is None:
+                said = self._rest.decode(errors="replace")
+                tuple(self.close())
+                raise _refusal(self._names[0], self.holders, said)
+            self._rest += more
 
     def items(self) -> Iterator[Item]:
-        """What the lines of strace report that have come.
+        """What the lines report that have come.
 
         Raises EOFError when the target has ended, OSError when strace was ended.
         """
-        if self._is_new:
-            self._is_new = False
-            holders = holders_text(self.strace.holders)
-            yield PortEvent(self._opened_ns, HOST, PortEventKind.OPENED, holders)
-        while self._notes:
-            note = self._notes.pop()
-            yield PortEvent(self._opened_ns, self._names[0], PortEventKind.WIRING, note)
-        if self._is_finishing:
-            while data := self.strace.read(_END_S):
-                yield from self._items(data)
-            return
+        for note in self._notes:
+            # At time 0: not after the calls that have come, but with the event `opened`.
+            yield PortEvent(0, self._names[0], PortEventKind.WIRING, note)
         before_ns = self._clock.now_ns()
-        data = self.strace.read()
+        data = self._read()
         if data is None:
             raise self._loss()
         yield from self._items(data)
@@ -205,43 +208,53 @@ class CallReader:
                 yield Chunk(name, before_ns - _SETTLED_NS, b"", at_once=True)
             yield from self._followed()
 
-    def finish(self) -> None:
-        """Let the target go; the next `items` are all that was seen until then."""
-        self._is_finishing = True
-        self.strace.detach()
-
     def close(self) -> Iterator[Item]:
-        """End strace, and report what may be missing."""
-        self.strace.close()
-        if self._rest:
-            reason = TranslatableText("bytes may be lost: strace ended within a line")
-            yield from self._unreadable(self._rest, reason)
-        yield self._event(HOST, PortEventKind.CLOSED, TranslatableText("no longer attached"))
+        """Let the target go; returns all that was seen until then."""
+        self._process.terminate()
+        while data := self._read(_END_S):
+            yield from self._items(data)
+        yield from self._items(b"\n")  # a line that is cut
+        self._ended()
+        assert self._process.stderr is not None
+        self._process.stderr.close()
+
+    def _read(self, wait_s: float = _STEP_S) -> bytes | None:
+        """What was printed; empty after a while without any, None at the end."""
+        assert self._process.stderr is not None
+        if not select.select([self._process.stderr], [], [], wait_s)[0]:
+            return b""
+        return self._process.stderr.read(1 << 16) or None
+
+    def _ended(self) -> int:
+        """Wait for the end; returns the exit code, negative for a signal."""
+        try:
+            return self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()  # the kernel lets the target go
+            return self._process.wait()
 
     def _loss(self) -> EOFError | OSError:
-        code = self.strace.close()
+        code = self._ended()
         if code < 0:
             name = signal.Signals(-code).name
             return OSError(TranslatableText("strace was ended by {signal}", signal=name))
-        programs = listed(self.strace.holders, Joint.AND)
+        programs = listed(self.holders, Joint.AND)
         return EOFError(TranslatableText("{programs} ended", programs=programs))
 
     def _items(self, data: bytes) -> Iterator[Item]:
         *lines, self._rest = (self._rest + data).split(b"\n")
         ahead_ns = self._clock.system_ahead_ns()
-        for line in lines:
+        for line in filter(None, lines):
             try:
-                call = call_of(line.decode("ascii"), self.strace.device)
+                call = call_of(line.decode("ascii"), self._device)
             except ValueError:
-                reason = TranslatableText("bytes may be lost: a line of strace cannot be read")
-                yield from self._unreadable(line, reason)
+                yield from self._unreadable(line)
             else:
                 yield from self._of_call(call, ahead_ns) if call is not None else ()
 
     def _of_call(self, call: Call, ahead_ns: int) -> Iterator[Item]:
         name = self._names[call.written]
-        t_ns = (call.start_ns if call.written else call.end_ns) - ahead_ns
-        yield Chunk(name, t_ns, call.data, at_once=True)
+        yield Chunk(name, call.t_ns - ahead_ns, call.data, at_once=True)
         if call.missing:
             detail = TranslatableText(
                 "{count} bytes were lost: strace does not show all that {call} moves",
@@ -250,8 +263,9 @@ class CallReader:
             )
             yield self._event(name, PortEventKind.OVERRUN, detail, call.missing)
 
-    def _unreadable(self, line: bytes, reason: TranslatableText) -> Iterator[Item]:
+    def _unreadable(self, line: bytes) -> Iterator[Item]:
         """Report a line that is cut, on the wires whose bytes it may have had."""
+        reason = TranslatableText("bytes may be lost: a line of strace cannot be read")
         names = [self._names[0]] * (b"read" in line) + [HOST] * (b"write" in line)
         for name in names or self._names:
             yield self._event(name, PortEventKind.OVERRUN, reason)
@@ -261,52 +275,41 @@ class CallReader:
         if time.monotonic() < self._look_s:
             return
         self._look_s = time.monotonic() + _LOOK_EVERY_S
-        device = self.strace.moved_to()
-        if device is None:
+        now = _terminals_of(self.holders)
+        new = sorted(now - self._terminals)
+        if not new or (self._device in now and Path(self._device).exists()):
             return
-        opened_ns = self._clock.now_ns()
-        # A program has one watcher at a time.
-        self.strace.close()
-        try:
-            self.strace = Strace(self.strace.holders, device, self._names[0])
-        except PortError as error:
-            raise OSError(error.message) from error
-        self._rest = b""
+        yield from self.close()  # a program has one watcher at a time
         detail = TranslatableText(
             "{programs} opened {device} instead, which is watched now",
-            programs=listed(self.strace.holders, Joint.AND),
-            device=device,
+            programs=listed(self.holders, Joint.AND),
+            device=new[0],
         )
-        yield PortEvent(opened_ns, self._names[0], PortEventKind.FOUND_AGAIN, detail)
+        yield self._event(self._names[0], PortEventKind.FOUND_AGAIN, detail)
+        try:
+            self._watch(new[0])
+        except PortError as error:
+            raise OSError(error.message) from error
 
     def _event(self, name: str, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
         return PortEvent(self._clock.now_ns(), name, kind, detail, count)
 
 
-class Strace:
-    """A running strace; its lines come from its standard error, as do its messages."""
-
-    def __init__(self, holders: list[Holder], device: str, port: str) -> None:
-        """Watch programs at a device; `port` is its name in errors.
-
-        Raises PortError, with the fix, if strace is not installed or cannot watch them.
-        """
-        program = shutil.which("strace")
-        if program is None:
-            raise PortError(
-                "{port}: to attach, strace is needed: sudo apt install strace", port=port
-            )
-        self.holders, self.device = holders, device
-        self._terminals = _terminals_of(holders)
-        """Ports that the programs had open at the start."""
-        pids = [word for holder in holders for word in ("-p", str(holder.pid))]
-        traced = ",".join((*_READS, *_WRITES, *_UNSHOWN))
-        self._process = subprocess.Popen(
+def _started(name: str, holders: list[Holder], device: str) -> subprocess.Popen[bytes]:
+    """Start strace for some programs and one device; `name` is the port's in errors."""
+    program = shutil.which("strace")
+    if program is None:
+        raise PortError(
+            "{port}: to attach, strace is needed: sudo apt install strace", port=printable(name)
+        )
+    pids = [word for holder in holders for word in ("-p", str(holder.pid))]
+    try:
+        return subprocess.Popen(
             [
                 *("strace", "-f", "-y", "-ttt", "-T", "-v", "-xx", "-s", str(LONGEST_PART)),
                 # With a status, a call has one line, which is printed when it has returned.
-                *("-e", f"trace={traced}", "-e", "signal=none", "-e", "status=successful"),
-                *("-P", device, *pids),
+                *("-e", f"trace={','.join(_WRITES)}", "-e", "signal=none"),
+                *("-e", "status=successful", "-P", device, *pids),
             ],
             executable=program,
             bufsize=0,
@@ -316,54 +319,13 @@ class Strace:
             env={**os.environ, "LC_ALL": "C"},
             start_new_session=True,  # a Ctrl-C ends the capture, which ends strace
         )
-        self._first = b""
-        self._first = self._read_until_attached(port)
-
-    def _read_until_attached(self, port: str) -> bytes:
-        """What was printed until all programs are watched; raises PortError if they cannot be."""
-        data = b""
-        while data.count(b" attached") < len(self.holders):
-            more = self.read()
-            if more is None:
-                self.close()
-                why = _refusal(self.holders, data.decode(errors="replace"))
-                raise PortError("{port}: {why}", port=port, why=why)
-            data += more
-        return data
-
-    def moved_to(self) -> str | None:
-        """The port that the programs have opened since the start, if they have left this one."""
-        now = _terminals_of(self.holders)
-        if self.device in now and Path(self.device).exists():
-            return None
-        return next(iter(sorted(now - self._terminals)), None)
-
-    def read(self, wait_s: float = _STEP_S) -> bytes | None:
-        """Lines that have come, in any pieces; empty after a while without any, None at the end."""
-        if self._first:
-            first, self._first = self._first, b""
-            return first
-        assert self._process.stderr is not None
-        if not select.select([self._process.stderr], [], [], wait_s)[0]:
-            return b""
-        return self._process.stderr.read(1 << 16) or None
-
-    def detach(self) -> None:
-        """Let the target go; what was seen until then can still be read."""
-        with suppress(ProcessLookupError):
-            self._process.send_signal(signal.SIGTERM)
-
-    def close(self) -> int:
-        """End strace; the target goes on. Returns its exit code, negative for a signal."""
-        self.detach()
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()  # the kernel lets the target go
-            self._process.wait()
-        assert self._process.stderr is not None
-        self._process.stderr.close()
-        return self._process.returncode
+    except OSError as error:
+        raise PortError(
+            "{port}: {program} cannot be run: {why}",
+            port=printable(name),
+            program=printable(program),
+            why=error.strerror,
+        ) from error
 
 
 def _terminals_of(holders: list[Holder]) -> set[str]:
@@ -371,37 +333,37 @@ def _terminals_of(holders: list[Holder]) -> set[str]:
     return {name for one in holders for name in open_files(one.pid) if is_terminal(name)}
 
 
-def _holders(wanted: Attachment, port: str) -> list[Holder]:
+def _holders(wanted: Attachment) -> list[Holder]:
     """The programs to watch; raises PortError if there are none."""
-    if not Path(wanted.port).exists():
-        raise PortError("{port}: no such port; `fte-sniff ports` lists them", port=port)
-    holders = holders_of(wanted.port)
-    if wanted.pid is not None:
-        named = [holder for holder in holders if holder.pid == wanted.pid]
-        if not named:
-            raise PortError(
-                "process {pid} does not have {port} open; {holders}",
-                pid=wanted.pid,
-                port=port,
-                holders=holders_text(holders),
-            )
+    if not is_terminal(wanted.port):
+        number = errno.ENOTTY if os.path.exists(wanted.port) else errno.ENOENT  # noqa: PTH110
+        raise port_error(wanted.port, wanted.port, OSError(number, ""))
+    holders, port = holders_of(wanted.port), printable(wanted.port)
+    named = [holder for holder in holders if wanted.pid in (None, holder.pid)]
+    if named:
         return named
-    if not holders:
+    if wanted.pid is not None:
         raise PortError(
-            "no program that this user may watch has {port} open; start the program first, or use"
-            " sudo for that of another user",
+            "process {pid} does not have {port} open; {holders}",
+            pid=wanted.pid,
             port=port,
+            holders=holders_text(holders),
         )
-    return holders
+    raise PortError(
+        "no program that this user may watch has {port} open; start the program first, or use"
+        " sudo for that of another user",
+        port=port,
+    )
 
 
-def _refusal(holders: list[Holder], said: str) -> TranslatableText:
+def _refusal(name: str, holders: list[Holder], said: str) -> PortError:
     """Why strace cannot watch a program, and the fix."""
+    last = printable(said.strip().splitlines()[-1]) if said.strip() else "no reason"
+    why = TranslatableText("strace ended: {why}", why=last)
     if "Operation not permitted" in said:
-        return TranslatableText(
+        why = TranslatableText(
             "{holders}, but this user may not watch it, or a debugger does already: use sudo, or"
             " end the debugger",
             holders=holders_text(holders),
         )
-    last = printable(said.strip().splitlines()[-1]) if said.strip() else "no reason"
-    return TranslatableText("strace ended: {why}", why=last)
+    return PortError("{port}: {why}", port=printable(name), why=why)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.discovery import holders_of, holders_text
+from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.lasting_name import LastingPort
 from fte_sniff.capture.line_errors import LineErrors, counters_of
 from fte_sniff.capture.serial_port import (
@@ -77,7 +77,7 @@ def connect_port(
     capabilities = TranslatableText("{low}; {line}", low=low_latency, line=errors.description)
     readers: list[Reader] = [received]
     if device is not None:
-        readers.append(holder_reader(name, device, clock))
+        readers.append(partial(next, holders_coming(name, device, clock)))
     return Connection(
         names=(name,),
         detail=TranslatableText(
@@ -100,28 +100,19 @@ _SEARCH_SHARE: Final = 0.01
 """Share of the time that the search for other programs takes at most."""
 
 
-def holder_reader(name: str, device: str, clock: Clock) -> Reader:
-    """Report each program that opens the device beside this one, once."""
-    known = set[int]()
-    next_s = 0.0
-
-    def opened() -> Iterable[Item]:
-        nonlocal next_s
+def holders_coming(name: str, device: str, clock: Clock) -> Iterator[Iterable[Item]]:
+    """Report each program that opens the device beside this one, once, without an end."""
+    known = set[Holder]()
+    while True:
         start_s = time.monotonic()
-        if start_s < next_s:
-            time.sleep(_STEP_S)
-            return ()
         found = holders_of(device)
-        new = [holder for holder in found if holder.pid not in known]
-        known.clear()
-        known.update(holder.pid for holder in found)
         took_s = time.monotonic() - start_s
-        next_s = start_s + max(_SEARCH_EVERY_S, took_s / _SEARCH_SHARE)
-        if not new:
-            return ()
-        detail = TranslatableText(
-            "{holders} too, and may take bytes away", holders=holders_text(new)
-        )
-        return (PortEvent(clock.now_ns(), name, PortEventKind.SHARED, detail),)
-
-    return opened
+        if new := [holder for holder in found if holder not in known]:
+            detail = TranslatableText(
+                "{holders} too, and may take bytes away", holders=holders_text(new)
+            )
+            yield (PortEvent(clock.now_ns(), name, PortEventKind.SHARED, detail),)
+        known = set(found)
+        while time.monotonic() < start_s + max(_SEARCH_EVERY_S, took_s / _SEARCH_SHARE):
+            time.sleep(_STEP_S)
+            yield ()

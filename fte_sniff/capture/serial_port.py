@@ -104,7 +104,8 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
         device = device_of(port)
         _refuse_held(name, device, settings)
         port.open()
-        _keep_alive(port)
+        if is_network(name):
+            _keep_alive(port)
         if POSIX and device is not None and not settings.share:
             _keep_breaks(port.fileno())
     except (OSError, ValueError, LookupError, OverflowError, TerminalError, re.error) as error:
@@ -149,12 +150,11 @@ _KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
 def _keep_alive(port: serial.Serial) -> None:
     """Have the system notice a server that is gone without a word, such as a cable pulled out."""
-    connection = getattr(port, "_socket", None)
-    if isinstance(connection, socket.socket):
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in _KEEP_ALIVE.items():
-            if (number := getattr(socket, option, None)) is not None:
-                connection.setsockopt(socket.IPPROTO_TCP, number, value)
+    connection: socket.socket = vars(port)["_socket"]
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in _KEEP_ALIVE.items():
+        if (number := getattr(socket, option, None)) is not None:
+            connection.setsockopt(socket.IPPROTO_TCP, number, value)
 
 
 def _keep_breaks(descriptor: int) -> None:

@@ -15,10 +15,10 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import count, cycle
+from dataclasses import dataclass, field, fields
+from itertools import count, cycle, islice
 from random import Random
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 from urllib.parse import parse_qsl
 
 import click
@@ -30,12 +30,12 @@ from fte_sniff.protocol import (
     KINDS,
     MOTORS,
     Direction,
-    Field,
     FrameKind,
     byte_time_ns,
     encode,
 )
 from fte_sniff.protocol.spec import Role, motor_bit
+from fte_sniff.real_number import RealNumber
 
 # Motors
 
@@ -51,66 +51,18 @@ ACCELERATION_RPM_S = 10_000.0
 POSITION_GAIN = 3.0
 """Speed per remaining distance, 1/s: a position is approached like a system of first order."""
 
+STEP_S = 0.002
+"""Time step of the simulated physics, seconds; much shorter than 1 / `POSITION_GAIN`."""
+
+STILL_RPM = 20
+"""Up to this speed, what is measured is exact; above, it is one more or less."""
+
 _PULSES_PER_S_PER_RPM = PULSES_PER_TURN / 60
 
 
 def clamp(value: float, bound: float) -> float:
     """Limit `value` to `-bound`..`bound`."""
     return max(-bound, min(bound, value))
-
-
-@dataclass(slots=True)
-class Motor:
-    """One motor; `step` advances its time."""
-
-    rpm: float = 0.0
-    pulses: float = 0.0
-    _target_rpm: float = 0.0
-    """Of a speed, or the limit of a move."""
-    _target_pulses: float | None = None
-
-    def turn(self, rpm: float) -> None:
-        """Accelerate to a speed, and keep it."""
-        self._target_rpm, self._target_pulses = clamp(rpm, TOP_SPEED_RPM), None
-
-    def move(self, pulses: float, limit_rpm: float) -> None:
-        """Move to a position at `limit_rpm` at most (its sign is ignored), and hold it."""
-        self._target_rpm, self._target_pulses = min(abs(limit_rpm), TOP_SPEED_RPM), pulses
-
-    def reset(self) -> None:
-        """Stop, and make the position zero."""
-        self.rpm = self.pulses = self._target_rpm = 0.0
-        self._target_pulses = None
-
-    def step(self, dt_s: float) -> None:
-        """Advance by `dt_s` seconds, which must be much shorter than 1 / `POSITION_GAIN`."""
-        self.rpm += clamp(self._target_speed() - self.rpm, ACCELERATION_RPM_S * dt_s)
-        self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * dt_s
-
-    def _target_speed(self) -> float:
-        if self._target_pulses is None:
-            return self._target_rpm
-        distance = self._target_pulses - self.pulses
-        return clamp(POSITION_GAIN * distance / _PULSES_PER_S_PER_RPM, self._target_rpm)
-
-
-WHEEL_RADIUS_CM = 7.6
-GEAR_RATIO = 20
-"""Turns of the motor in one turn of its wheel."""
-
-HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
-"""Half the track plus half the wheelbase: the lever of a rotation."""
-
-STILL_RPM = 20
-"""Up to this speed, what is measured is exact; above, it is one more or less."""
-
-STEP_S = 0.002
-"""Time step of the simulated physics, seconds."""
-
-_RPM_PER_CM_S = 60 * GEAR_RATIO / (2 * math.pi * WHEEL_RADIUS_CM)
-_FEEDBACK_KIND_BY_CMD = {
-    cmd: kind for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds
-}
 
 
 def _control(*roles: Role) -> FrameKind:
@@ -126,64 +78,83 @@ _RESET = _control()
 _SPEED = _control(Role.MOTOR, Role.SPEED)
 _POSITION = _control(Role.MOTOR, Role.SPEED, Role.POSITION)
 _DRIVE = _control(Role.FORWARD, Role.LEFT, Role.ROTATION)
+_FEEDBACK_KIND_BY_CMD = {
+    cmd: kind for kind in KINDS if kind.direction is Direction.FEEDBACK for cmd in kind.cmds
+}
 
 
-def wheel_speeds(vx_cm_s: float, vy_cm_s: float, wz_mrad_s: float) -> tuple[float, ...]:
-    """The RPM of motors 1 to 4 for a motion of the mecanum chassis.
+@dataclass(slots=True)
+class Motor:
+    """One motor, and the command that it follows."""
 
-    Positive is forward, left and counter-clockwise. The protocol does not define where the motors
-    are; here: front left, front right, rear left, rear right, all forward with a positive speed.
-    """
-    turn_cm_s = wz_mrad_s / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
-    wheels_cm_s = (
-        vx_cm_s - vy_cm_s - turn_cm_s,
-        vx_cm_s + vy_cm_s + turn_cm_s,
-        vx_cm_s + vy_cm_s - turn_cm_s,
-        vx_cm_s - vy_cm_s + turn_cm_s,
-    )
-    return tuple(cm_s * _RPM_PER_CM_S for cm_s in wheels_cm_s)
+    rpm: float = 0.0
+    pulses: float = 0.0
+    mode: FrameKind = _SPEED
+    target_rpm: float = 0.0
+    """Of a speed, or the limit of a move; its sign is then ignored."""
+    target_pulses: float = 0.0
+    """Of a move."""
+
+    def step(self) -> None:
+        """Advance by `STEP_S`."""
+        wanted = clamp(self.target_rpm, TOP_SPEED_RPM)
+        if self.mode is _POSITION:
+            distance = self.target_pulses - self.pulses
+            wanted = clamp(POSITION_GAIN * distance / _PULSES_PER_S_PER_RPM, abs(wanted))
+        self.rpm += clamp(wanted - self.rpm, ACCELERATION_RPM_S * STEP_S)
+        self.pulses += self.rpm * _PULSES_PER_S_PER_RPM * STEP_S
+
+
+WHEEL_RADIUS_CM = 7.6
+GEAR_RATIO = 20
+"""Turns of the motor in one turn of its wheel."""
+
+HALF_TRACK_PLUS_HALF_BASE_CM = 38.0
+"""Half the track plus half the wheelbase: the lever of a rotation."""
+
+_RPM_PER_CM_S = 60 * GEAR_RATIO / (2 * math.pi * WHEEL_RADIUS_CM)
+_WHEELS = dict(zip(MOTORS, ((-1, -1), (1, 1), (1, -1), (-1, 1)), strict=True))
+"""By motor: how its wheel turns when the chassis moves left, and rotates; forward is always 1.
+
+The protocol does not define where the motors are; here: front left, front right, rear left, rear
+right, all forward with a positive speed. Positive is forward, left and counter-clockwise.
+"""
 
 
 class Controller:
-    """Four motors and their modes."""
+    """Four motors of a mecanum chassis."""
 
     def __init__(self, dice: Random) -> None:
         self.motors = {number: Motor() for number in MOTORS}
-        self._modes = dict.fromkeys(MOTORS, _SPEED)
         self._dice, self._steps = dice, 0
 
     def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
-        """Execute a control frame; ignore one for an unknown motor."""
-        if kind.direction is not Direction.CONTROL:
-            return
+        """Execute a control frame; ignore one for an unknown motor, and feedback."""
         given = {field.role: values[field.name] for field in kind.fields}
         if kind is _RESET:
-            for number, motor in self.motors.items():
-                motor.reset()
-                self._modes[number] = _SPEED
+            self.motors = {number: Motor() for number in MOTORS}
         elif kind is _DRIVE:
-            speeds = wheel_speeds(given[Role.FORWARD], given[Role.LEFT], given[Role.ROTATION])
-            for number, rpm in zip(MOTORS, speeds, strict=True):
-                self.motors[number].turn(rpm)
-                self._modes[number] = kind
-        elif given[Role.MOTOR] in self.motors:
+            turn_cm_s = given[Role.ROTATION] / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
+            for number, (left, rotation) in _WHEELS.items():
+                cm_s = given[Role.FORWARD] + left * given[Role.LEFT] + rotation * turn_cm_s
+                motor = self.motors[number]
+                motor.mode, motor.target_rpm = kind, cm_s * _RPM_PER_CM_S
+        elif kind in (_SPEED, _POSITION) and given[Role.MOTOR] in self.motors:
             motor = self.motors[given[Role.MOTOR]]
-            self._modes[given[Role.MOTOR]] = kind
-            if kind is _POSITION:
-                motor.move(given[Role.POSITION], given[Role.SPEED])
-            else:
-                motor.turn(given[Role.SPEED])
+            motor.mode, motor.target_rpm = kind, given[Role.SPEED]
+            motor.target_pulses = given.get(Role.POSITION, 0)
 
     def advance_to(self, t_s: float) -> None:
         """Advance to `t_s`, seconds since the start."""
         while self._steps * STEP_S < t_s:
             self._steps += 1
             for motor in self.motors.values():
-                motor.step(STEP_S)
+                motor.step()
 
     def feedback(self, number: int) -> bytes:
         """The feedback frame of one motor in its present mode."""
-        motor, cmd = self.motors[number], self._modes[number].cmds[0]
+        motor = self.motors[number]
+        cmd = motor.mode.cmds[0]
         kind = _FEEDBACK_KIND_BY_CMD[cmd]
         jitter = self._dice.randint(-1, 1) if abs(motor.rpm) > STILL_RPM else 0
         readings = {
@@ -194,41 +165,22 @@ class Controller:
             Role.POSITION: round(motor.pulses),
         }
         values = {
-            field.name: _wrapped(readings[field.role], field)
+            # A counter wraps.
+            field.name: (readings[field.role] - field.low) % (field.high - field.low + 1)
+            + field.low
             for field in kind.fields
             if field.role in readings
         }
         return encode(kind, values, cmd)
 
 
-def _wrapped(value: int, field: Field) -> int:
-    return (value - field.low) % (field.high - field.low + 1) + field.low
-
+# The host
 
 Command: TypeAlias = tuple[FrameKind, dict[str, int]]
 """A kind of control frame and its values by row name."""
 
-Step: TypeAlias = tuple[float, Sequence[Command]]
-"""Seconds, and the commands that are sent in turn meanwhile, each at least once; none: a pause."""
-
-
-class SimulatedHost:
-    """Sends a script of resets, drives, speed ramps and position moves, again and again."""
-
-    def __init__(self) -> None:
-        self._script = cycle(_script())
-        self._until_s, self._commands = next(self._script)
-        self._sent = 0
-
-    def command_at(self, t_s: float) -> Command | None:
-        """The command sent at `t_s`, seconds since the start, monotonic; None for silence."""
-        while t_s >= self._until_s and self._sent >= len(self._commands):
-            duration_s, self._commands = next(self._script)
-            self._until_s, self._sent = t_s + duration_s, 0
-        if not self._commands:
-            return None
-        self._sent += 1
-        return self._commands[(self._sent - 1) % len(self._commands)]
+Step: TypeAlias = tuple[float, Sequence[Command | None]]
+"""Seconds, and the commands that are sent in turn meanwhile, each at least once; None: a pause."""
 
 
 def _command(kind: FrameKind, *values: int) -> Command:
@@ -242,25 +194,32 @@ _DRIVES = (40, 0, 0), (0, 30, 0), (0, 0, 900), (-40, 0, 0), (0, -30, 0), (20, 20
 
 
 def _script() -> Iterator[Step]:
+    """Resets, drives, speed ramps and position moves."""
     yield 0.0, [_command(_RESET)]
-    yield 0.3, []
+    yield 0.3, [None]
     # First, as each of its many commands asks all motors: what is wrong shows at once.
     for tops in _DRIVES:
         for tenths in range(2, 11, 2):
             yield 0.1, [_command(_DRIVE, *(top * tenths // 10 for top in tops))]
         yield 1.0, [_command(_DRIVE, *tops)]
     yield 0.4, [_command(_DRIVE, 0, 0, 0)]
-    yield 0.5, []
+    yield 0.5, [None]
     for tenths in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
         rpms = {motor: top * tenths // 10 for motor, top in _TOP_SPEEDS.items()}
         yield 0.15, [_command(_SPEED, motor, rpm) for motor, rpm in rpms.items()]
-    yield 0.5, []
+    yield 0.5, [None]
     for goals in (_GOALS, dict.fromkeys(MOTORS, 0)):
         yield 0.1, [_command(_POSITION, motor, 1000, at) for motor, at in goals.items()]
-        yield 3.0, []
+        yield 3.0, [None]
 
 
-# The line: faults, parameters, bytes with times
+def _commands(slot_s: float) -> Iterator[Command | None]:
+    """What the host sends in each of its slots, without an end."""
+    for duration_s, commands in cycle(_script()):
+        yield from islice(cycle(commands), max(len(commands), round(duration_s / slot_s)))
+
+
+# The line: parameters, faults, bytes with times
 
 WEAK_DROP = WEAK_LATE = 0.2
 """Share of the weak motor's answers that are lost, and that are late."""
@@ -270,81 +229,72 @@ LATE_S = 0.06
 
 MOST_DROPPED = 4  # adjacent bytes lost in one fault, at most
 MOST_NOISE = 8  # random bytes between two frames, at most
+_MOST_JITTER_NS = 400_000
+
+
+def _parameter(default: Any, kind: click.ParamType[Any], meaning: str) -> Any:
+    return field(default=default, metadata={"kind": kind, "meaning": meaning})
+
+
+_SHARE: Final = RealNumber(0, 1)
 
 
 @dataclass(frozen=True, slots=True)
 class SimulationParameters:
-    """The parameters of a simulation; `PARAMETERS` has their meanings and ranges."""
+    """The parameters of a simulation, each with its default, type and meaning."""
 
-    seed: int = 0
-    rate: float = 200.0
-    drop: float = 0.0
-    flip: float = 0.0
-    noise: float = 0.0
-    wire: str = "both"
-    host: str = "on"
-    frames: int = 0
-    weak_motor: int = 0
+    seed: int = _parameter(0, click.IntRange(0), "The same seed gives the same bytes.")
+    rate: float = _parameter(
+        200.0, RealNumber(0.01, 1e6), "Frames a second, both directions together."
+    )
+    drop: float = _parameter(0.0, _SHARE, "Share of the frames that lose adjacent bytes.")
+    flip: float = _parameter(0.0, _SHARE, "Share of the frames that have one bit flipped.")
+    noise: float = _parameter(0.0, _SHARE, "Share of the frames with random bytes before them.")
+    wire: str = _parameter(
+        "both", click.Choice(["both", *map(str, Direction)]), "Which frames are received."
+    )
+    host: str = _parameter("on", click.Choice(["on", "off"]), "Whether a host sends commands.")
+    frames: int = _parameter(
+        0, click.IntRange(0), "The port is unplugged after this many frames; 0 is never."
+    )
+    weak_motor: int = _parameter(
+        0, click.IntRange(0, max(MOTORS)), "The motor that loses and delays answers; 0 is none."
+    )
 
     def check_against(self, baud: int) -> None:
         """Raise PortError if a line of `baud` bits per second cannot carry the rate."""
         most = round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
-        if not self.rate <= most:
+        if self.rate > most:
             raise PortError(
                 f"sim:// cannot take rate={self.rate:g}: a line of {baud} baud carries at most "
                 f"{most} frames/s; ask for less, or for more with --baud"
             )
 
 
-_SHARE: Final = click.FloatRange(0, 1)
-PARAMETERS: Final[Mapping[str, tuple[click.ParamType[Any], str]]] = {
-    "seed": (click.IntRange(0), "The same seed gives the same bytes."),
-    "rate": (click.FloatRange(0.01, 1e6), "Frames a second, both directions together."),
-    "drop": (_SHARE, "Share of the frames that lose adjacent bytes."),
-    "flip": (_SHARE, "Share of the frames that have one bit flipped."),
-    "noise": (_SHARE, "Share of the frames with random bytes before them."),
-    "wire": (click.Choice(["both", *map(str, Direction)]), "Which frames are received."),
-    "host": (click.Choice(["on", "off"]), "Whether a host sends commands."),
-    "frames": (click.IntRange(0), "The port is unplugged after this many frames; 0 is never."),
-    "weak_motor": (
-        click.IntRange(0, max(MOTORS)),
-        "The motor that loses and delays answers; 0 is none.",
-    ),
-}
-"""The type and the meaning of every parameter, in the order of the help."""
-
-
 def parse_parameters(query: str) -> SimulationParameters:
     """Parse the query of a URL, `seed=1&drop=0.01`; raises PortError if it is not legal."""
-    values: dict[str, Any] = {}
+    kinds = {one.name: one.metadata["kind"] for one in fields(SimulationParameters)}
+    values = dict[str, Any]()
     for name, text in parse_qsl(query, keep_blank_values=True):
-        if name not in PARAMETERS or name in values:
+        if name not in kinds or name in values:
             what = "is given twice" if name in values else "is not one of its parameters"
-            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(PARAMETERS)}")
+            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(kinds)}")
         try:
-            values[name] = value = PARAMETERS[name][0].convert(text, None, None)
-            if value != value:
-                raise click.BadParameter("nan is not a number")
+            values[name] = kinds[name].convert(text, None, None)
         except click.BadParameter as error:
             reason = error.message.removesuffix(".")
             raise PortError(f"sim:// cannot take {name}={text:.40}: {reason}") from error
     return SimulationParameters(**values)
 
 
-_MOST_JITTER_NS = 400_000
+class TimedBytes(NamedTuple):
+    """The received bytes of one frame, or of one run of noise."""
 
-
-@dataclass(frozen=True, slots=True)
-class TimedBytes:
-    """The received bytes of one frame, or of one run of noise, with their times."""
-
-    begins_ns: int
-    """Start of the first byte, nanoseconds since the start."""
     t_ns: int
     """End of the last byte, when a read can return it, nanoseconds since the start."""
     data: bytes
-    """The bytes as received, faults applied; never empty."""
-    sent: bytes
+    """The bytes as received, faults applied; empty for a slot in which nothing comes."""
+    sent: bytes = b""
     """The frame as sent, before faults; empty for noise."""
 
 
@@ -357,11 +307,11 @@ class Simulation:
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:
         """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""
         parameters.check_against(baud)
-        self.parameters = parameters
-        self._dice = Random(parameters.seed)
+        self._asked, self._dice = parameters, Random(parameters.seed)
         self.controller = Controller(Random(parameters.seed))
-        self._host = SimulatedHost()
-        self._late: deque[tuple[int, bytes]] = deque()
+        self._slots_of_round = 1 + len(MOTORS)
+        self._commands = _commands(self._slots_of_round / parameters.rate)
+        self._late = deque[tuple[int, bytes]]()
         """When the late answers begin, and their frames."""
         self._byte_ns = byte_time_ns(baud)
         self._free_at_ns = 0
@@ -371,70 +321,66 @@ class Simulation:
 
     def slots(self) -> Iterator[TimedBytes]:
         """The received bytes; an item without bytes for each slot in which nothing comes."""
-        received, slot_ns = 0, 1_000_000_000 / self.parameters.rate
+        received, slot_ns = 0, 1_000_000_000 / self._asked.rate
         jitter_ns = min(max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns), _MOST_JITTER_NS)
         for slot in count():
             sent = self._frame_in(slot)
             begins_ns = int(slot * slot_ns + self._dice.random() * jitter_ns)
             frames = [*self._on_wire(slot, begins_ns, sent)]
             if not frames:
-                yield TimedBytes(begins_ns, begins_ns, b"", b"")
+                yield TimedBytes(begins_ns, b"")
             for frame_ns, frame in frames:
                 yield from self._received(frame, frame_ns)
                 received += 1
-                if received == self.parameters.frames:
+                if received == self._asked.frames:
                     return
 
-    def _on_wire(
-        self, slot: int, begins_ns: int, sent: bytes | None
-    ) -> Iterator[tuple[int, bytes]]:
+    def _frame_in(self, slot: int) -> bytes:
+        """The frame of the owner of a slot, if its direction is received."""
+        t_s, motor = slot / self._asked.rate, slot % self._slots_of_round
+        self.controller.advance_to(t_s)
+        if motor:
+            feedback = self.controller.feedback(motor)
+            return feedback if self._asked.wire != Direction.CONTROL else b""
+        command = next(self._commands) if self._asked.host == "on" else None
+        if command is None:
+            return b""
+        self.controller.obey(*command)
+        return encode(*command) if self._asked.wire != Direction.FEEDBACK else b""
+
+    def _on_wire(self, slot: int, begins_ns: int, sent: bytes) -> Iterator[tuple[int, bytes]]:
         """The frames that begin in a slot, with their times: its own, and late ones before it."""
         while self._late and self._late[0][0] <= begins_ns:
             yield self._late.popleft()
-        weak = self.parameters.weak_motor
-        if sent is not None and weak and slot % (1 + len(MOTORS)) == weak:
+        weak = self._asked.weak_motor
+        if sent and weak and slot % self._slots_of_round == weak:
             fate = self._dice.random()
-            if fate < WEAK_DROP:
-                return
-            if fate < WEAK_DROP + WEAK_LATE:
+            if WEAK_DROP <= fate < WEAK_DROP + WEAK_LATE:
                 self._late.append((begins_ns + int(LATE_S * 1e9), sent))
+            if fate < WEAK_DROP + WEAK_LATE:
                 return
-        if sent is not None:
+        if sent:
             yield begins_ns, sent
 
-    def _frame_in(self, slot: int) -> bytes | None:
-        t_s = slot / self.parameters.rate
-        self.controller.advance_to(t_s)
-        motor = slot % (1 + len(MOTORS))
-        if motor:
-            feedback = self.controller.feedback(motor)
-            return feedback if self.parameters.wire != Direction.CONTROL else None
-        command = self._host.command_at(t_s) if self.parameters.host == "on" else None
-        if command is None:
-            return None
-        self.controller.obey(*command)
-        return encode(*command) if self.parameters.wire != Direction.FEEDBACK else None
-
     def _received(self, sent: bytes, begins_ns: int) -> Iterator[TimedBytes]:
-        if self._dice.random() < self.parameters.noise:
+        if self._dice.random() < self._asked.noise:
             noise = self._dice.randbytes(self._dice.randint(1, MOST_NOISE))
-            duration_ns = len(noise) * self._byte_ns
-            yield self._timed(max(0, begins_ns - 2 * duration_ns), noise, duration_ns, b"")
-        yield self._timed(begins_ns, self._damaged(sent), len(sent) * self._byte_ns, sent)
+            size = len(noise)
+            yield self._timed(max(0, begins_ns - 2 * size * self._byte_ns), size, noise, b"")
+        yield self._timed(begins_ns, len(sent), self._damaged(sent), sent)
 
     def _damaged(self, raw: bytes) -> bytes:
         """The frame as received; at least one byte is left."""
         dice = self._dice
-        if dice.random() < self.parameters.flip:
+        if dice.random() < self._asked.flip:
             offset, bit = divmod(dice.randrange(len(raw) * 8), 8)
             raw = raw[:offset] + bytes([raw[offset] ^ 1 << bit]) + raw[offset + 1 :]
-        if dice.random() < self.parameters.drop:
+        if dice.random() < self._asked.drop:
             size = dice.randint(1, MOST_DROPPED)
             first = dice.randrange(len(raw) - size + 1)
             raw = raw[:first] + raw[first + size :]
         return raw
 
-    def _timed(self, begins_ns: int, data: bytes, duration_ns: int, sent: bytes) -> TimedBytes:
-        begins_ns = max(begins_ns, self._free_at_ns)
-        self._free_at_ns = begins_ns + duration_ns
-        return TimedBytes(begins_ns, self._free_at_ns, data, sent)
+    def _timed(self, begins_ns: int, size: int, data: bytes, sent: bytes) -> TimedBytes:
+        self._free_at_ns = max(begins_ns, self._free_at_ns) + size * self._byte_ns
+        return TimedBytes(self._free_at_ns, data, sent)

@@ -16,6 +16,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -45,20 +46,16 @@ class Connection:
     """Text of the event `opened`."""
     readers: Sequence[Reader]
     """Each is called by a thread of its own."""
-    close: Callable[[], Iterable[Item] | None]
-    """Closes the wires after the last read; returns what is left to report."""
-    finish: Callable[[], object] = bool
-    """Called when the end is due, before the last read."""
+    close: Callable[[], Iterable[Item]]
+    """Closes the wires after the last read; returns what is left to report, which is taken."""
     device: str | None = None
     """The device that host programs open; None for all but a bridge."""
     place: str | None = None
-    """The device file that is read; None for a URL."""
+    """What is read: the device file, or the programs that are watched; None for a URL."""
     comes_back: bool = True
     """Whether it can be found again after a loss."""
     awaited: str = TranslatableText("waiting for it to come back")
     """What follows after a loss."""
-    opened_ns: int = 0
-    """The time of the event `opened`, nanoseconds since 1970; 0 for that of the first read."""
     uncertainty_ns: Mapping[str, int] = field(default_factory=dict)
     """By wire: how much earlier than their time stamp bytes may have been on the wire."""
     capabilities: str = ""
@@ -139,12 +136,13 @@ class Source:
         """By wire: no later item has an earlier time."""
         self._items: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
+        self._opened_ns = clock.now_ns()  # before the first byte that is seen
         opened = list[Connection]()
         try:
             opened.extend(connect() for connect in connects)
         except BaseException:
             for connection in opened:
-                connection.close()
+                tuple(connection.close())
             raise
         self.device = opened[0].device
         self.uncertainty_ns = {
@@ -241,8 +239,8 @@ class Source:
     # The thread of a connection
 
     def _run(self, connect: Connect, connection: Connection) -> None:
-        t_ns = connection.opened_ns or self._clock.now_ns()
-        self._put(PortEvent(t_ns, connection.names[0], PortEventKind.OPENED, connection.detail))
+        name, kind = connection.names[0], PortEventKind.OPENED
+        self._put(PortEvent(self._opened_ns, name, kind, connection.detail))
         try:
             self._read_until_end(connect, connection)
         finally:
@@ -257,28 +255,29 @@ class Source:
         taken = self._put_bytes
         while (error := self._read_until_lost(connection)) is not None:
             # A port that came back without any byte is likely to go again: it is asked slowly.
-            first_wait_s = FIRST_WAIT_S if self._put_bytes > taken else LONGEST_WAIT_S
-            text = one_line(error)
+            wait_s = FIRST_WAIT_S if self._put_bytes > taken else LONGEST_WAIT_S
+            text, lost_ns = one_line(error), self._clock.now_ns()
             if not (self._reconnect and connection.comes_back):
-                self._lose(connection, text, is_over=isinstance(error, EOFError))
+                # A program that is over is not an error.
+                is_over = isinstance(error, EOFError)
+                self._lose(connection, text, SourceEnd.STOPPED if is_over else SourceEnd.LOST)
                 return
             awaited = TranslatableText("{error}; {awaited}", error=text, awaited=connection.awaited)
             self._put_event(connection, PortEventKind.LOST, awaited)
-            lost_ns = self._clock.now_ns()
-            again = self._connect_again(connect, connection, first_wait_s)
+            try:
+                again = self._connect_again(connect, connection, wait_s)
+            except FteSniffError as refused:
+                self._lose(connection, refused.message, SourceEnd.LOST)
+                return
             if again is None:
                 break
-            if isinstance(again, FteSniffError):
-                self._lose(connection, again.message)
-                return
             self._put_event(connection, PortEventKind.FOUND_AGAIN, self._found(again, lost_ns))
             connection, taken = again, self._put_bytes
         self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
 
-    def _lose(self, connection: Connection, text: str, *, is_over: bool = False) -> None:
+    def _lose(self, connection: Connection, text: str, end: SourceEnd) -> None:
         """Lose a connection for good; the others go on, unless the first loss is to end all."""
-        # A program that is over is not an error.
-        self._loss = SourceEnd.STOPPED if is_over else SourceEnd.LOST
+        self._loss = end
         self._put_event(connection, PortEventKind.LOST, text)
         if not self._reconnect:
             self.stop()
@@ -293,73 +292,66 @@ class Source:
 
     def _connect_again(
         self, connect: Connect, before: Connection, first_wait_s: float
-    ) -> Connection | FteSniffError | None:
-        """Connect in another thread, since that may take seconds; None if the end comes first."""
-        found: queue.SimpleQueue[Connection | FteSniffError] = queue.SimpleQueue()
+    ) -> Connection | None:
+        """Connect in another thread, since that may take seconds; None if the end comes first.
+
+        Raises FteSniffError if it can never connect.
+        """
+        found = Future[Connection]()
         arguments = connect, before, first_wait_s, found
         threading.Thread(target=self._attempt, args=arguments, daemon=True).start()
         while not self._is_due():
             for name in before.names:
                 self._put(Chunk(name, self._clock.now_ns(), b""))
-            with suppress(queue.Empty):
-                return found.get(timeout=_SILENCE_S)
-        _close_found(found)
+            with suppress(TimeoutError):
+                return found.result(_SILENCE_S)
+        found.add_done_callback(_close_late)
         return None
 
     def _attempt(
-        self,
-        connect: Connect,
-        before: Connection,
-        wait_s: float,
-        found: queue.SimpleQueue[Connection | FteSniffError],
+        self, connect: Connect, before: Connection, wait_s: float, found: Future[Connection]
     ) -> None:
         refusals = 0
-        while not self._is_due():
+        while not (found.done() or self._is_due()):
             time.sleep(wait_s)
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:
-                found.put(connect())
-                break
+                found.set_result(connect())
             except PortError as error:
                 refusals += isinstance(error, RefusedError)
                 if isinstance(error, RefusedError) and refusals == _REPORTED_REFUSAL:
                     detail = TranslatableText("it is back, but {why}", why=error.message)
                     self._put_event(before, PortEventKind.NOT_OPENED, detail)
             except FteSniffError as error:
-                found.put(error)
-                break
-        if self._is_due():
-            _close_found(found)
+                found.set_exception(error)
 
     def _read_until_lost(self, connection: Connection) -> BaseException | None:
         """Read all wires until the end is due (returns None) or one is lost (returns the error)."""
         errors = list[BaseException]()
-        others = [
-            threading.Thread(target=self._read, args=(connection, reader, errors), daemon=True)
-            for reader in connection.readers[1:]
+        threads = [
+            threading.Thread(target=self._read, args=(reader, errors), daemon=True)
+            for reader in connection.readers
         ]
-        for thread in others:
+        for thread in threads:
             thread.start()
-        self._read(connection, connection.readers[0], errors)
-        for thread in others:
+        for thread in threads:
             thread.join()
         with suppress(OSError):
-            for item in connection.close() or ():
+            for item in connection.close():
                 self._put(item)
         return errors[0] if errors else None
 
-    def _read(self, connection: Connection, reader: Reader, errors: list[BaseException]) -> None:
+    def _read(self, reader: Reader, errors: list[BaseException]) -> None:
         read_ns, unseen, last = self._clock.now_ns(), False, False
         while not last:
             # Checked before the read, so that bytes that arrived before the end are still read.
             last = read_ns >= self._stop_at_ns or bool(errors)
-            if last:
-                connection.finish()
+            items = list[Item]()
             try:
-                items = tuple(reader())
+                items.extend(reader())  # what came before an error stays
             except (OSError, EOFError) as error:
                 errors.append(error)
-                return
+                last = True
             before_ns, read_ns = read_ns, self._clock.now_ns()
             held_up = read_ns - before_ns > _HELD_UP_NS
             for item in items:
@@ -374,9 +366,7 @@ class Source:
                 self._put(item)
 
 
-def _close_found(found: queue.SimpleQueue[Connection | FteSniffError]) -> None:
-    """Close a connection that came too late."""
-    with suppress(queue.Empty):
-        late = found.get_nowait()
-        if isinstance(late, Connection):
-            late.close()
+def _close_late(found: Future[Connection]) -> None:
+    """Close a connection that came after the end."""
+    if found.exception() is None:
+        tuple(found.result().close())

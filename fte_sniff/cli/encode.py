@@ -11,10 +11,10 @@ from typing import Any
 
 import click
 
-from fte_sniff.cli.options import RealNumber
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import KINDS, Field, FrameKind, encode, spaced_hex
 from fte_sniff.protocol.spec import Role
+from fte_sniff.real_number import RealNumber
 
 
 class _Integer(click.ParamType[int]):

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterable
 from datetime import tzinfo
 from functools import partial, reduce
-from math import inf, isnan
+from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -40,19 +40,6 @@ def in_group(name: str, *options: Decorator) -> Decorator:
         return made
 
     return decorate
-
-
-class RealNumber(click.FloatRange):
-    """A number in a range; `nan` is not one."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """The number, or an error of the option."""
-        number = float(super().convert(value, param, ctx))
-        if isnan(number):
-            self.fail(f"{value} is not a number", param, ctx)
-        return number
 
 
 _RANGE: Final = re.compile(r"; [^;\[\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")

@@ -5,7 +5,7 @@ The options come from the simulation's table of parameters.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import Field, fields
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -13,11 +13,10 @@ from typing import Any
 import click
 
 from fte_sniff.capture.serial_port import BAUD_RANGE
-from fte_sniff.capture.simulation import PARAMETERS, SimulationParameters
+from fte_sniff.capture.simulation import SimulationParameters
 from fte_sniff.cli.input_files import FileName
 from fte_sniff.cli.options import (
     Decorator,
-    RealNumber,
     all_of,
     grouped_command,
     require_pseudo_terminals,
@@ -25,15 +24,20 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FileError, PortError, UsageError, printable
 from fte_sniff.protocol import DEFAULT_BAUD, Direction
+from fte_sniff.real_number import RealNumber
 
 _FIXED = {"host": "off", "wire": Direction.FEEDBACK.value}
 """The host is the program that is being developed, and receives feedback only."""
 
 
-def _option(name: str, default: Any) -> Decorator:
-    kind, meaning = PARAMETERS[name]
-    option = f"--{name.replace('_', '-')}"
-    return click.option(option, type=kind, default=default, show_default=True, help=meaning)
+def _option(parameter: Field[Any]) -> Decorator:
+    return click.option(
+        f"--{parameter.name.replace('_', '-')}",
+        type=parameter.metadata["kind"],
+        default=parameter.default,
+        show_default=True,
+        help=parameter.metadata["meaning"],
+    )
 
 
 @grouped_command(
@@ -54,7 +58,7 @@ def _option(name: str, default: Any) -> Decorator:
     help="With --replay: the frames to play.  [default: feedback]",
 )
 @click.option("--speed", type=RealNumber(0.01, 1000), help="With --replay: how fast.  [default: 1]")
-@all_of(*(_option(*one) for one in asdict(SimulationParameters()).items() if one[0] not in _FIXED))
+@all_of(*(_option(one) for one in fields(SimulationParameters) if one.name not in _FIXED))
 def command(
     link: Path | None,
     baud: int,

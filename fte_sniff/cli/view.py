@@ -22,7 +22,6 @@ from fte_sniff.cli.input_files import (
     print_saved,
 )
 from fte_sniff.cli.options import (
-    RealNumber,
     alert_of,
     alert_option,
     grouped_command,
@@ -32,6 +31,7 @@ from fte_sniff.cli.streams import ending_signals, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.real_number import RealNumber
 from fte_sniff.session.inputs import Input
 
 

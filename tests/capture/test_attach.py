@@ -103,10 +103,10 @@ def test_small_pieces_of_both_directions_are_seen_in_order(pty) -> None:
             assert times == sorted(times)
         seen.end()
         assert seen.source.end is SourceEnd.STOPPED
-        assert seen.kinds(HOST) == ["opened", "closed"]
+        assert seen.kinds(HOST) == []
         assert seen.kinds(pty.device) == ["opened", "wiring", "closed"]
-        assert f"(pid {host.pid}) has it open" in seen.events(HOST)[0].detail
-        assert seen.events(pty.device)[1].detail == LIMITS
+        assert seen.events()[0].detail.endswith(f"(pid {host.pid}) has it open")
+        assert seen.events()[1].detail == LIMITS
         assert str(LIMITS) in seen.source.capabilities[HOST]
 
 
@@ -188,19 +188,14 @@ def test_target_that_ends_is_reported_and_the_next_program_is_seen(pty, number: 
         first.does("os.write(line, b'one')")
         first.process.send_signal(number)
         wait_until(lambda: "lost" in seen.kinds(pty.device))
-        assert seen.events(HOST)[-1].detail == "no longer attached"
         assert f"(pid {first.pid}) ended; waiting" in seen.events(pty.device)[-1].detail
         with host_at(pty.device) as second:
-            wait_until(lambda: "found_again" in seen.kinds(pty.device))
+            assert f"(pid {second.pid})" in seen.wait_for("found_again").detail
             second.does("os.write(line, b'two')")
             wait_until(lambda: seen.data(HOST) == b"onetwo")
             seen.end()
             assert second.process.poll() is None
-    # What happened to the port is reported once.
-    assert seen.kinds(HOST) == ["opened", "closed", "opened", "closed"]
-    assert [kind for kind in seen.kinds(pty.device) if kind != "wiring"] == [
-        *("opened", "lost", "found_again", "closed")
-    ]
+    assert seen.kinds() == ["opened", "wiring", "lost", "found_again", "closed"]
 
 
 @needs("strace")
@@ -310,7 +305,7 @@ def test_call_over_64_kib_is_seen_in_order(pty) -> None:
             pty.arrived(0.1)
         writing.ended()
         seen.wait(lambda s: s.data(HOST) == data)
-        assert seen.kinds(HOST) == ["opened"]
+        assert seen.kinds() == ["opened", "wiring"]
 
 
 @needs("strace")
@@ -362,6 +357,7 @@ def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypa
         return str(error.value)
 
     assert "no such port" in refused("/dev/ttyNOWHERE")
+    assert "/dev/null is not a serial port" in refused("/dev/null")
     pty.let_go()
     assert "start the program first" in refused(pty.device)
     with host_at(pty.device) as host:
@@ -388,6 +384,9 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
     with held(pty.near):
         wait_until(lambda: holders_of(pty.device))
         with pytest.raises(PortError, match=r"may not watch it, .* use sudo"):
+            Attachment(pty.device).open(Clock.tied())
+        script.write_text("\0")
+        with pytest.raises(PortError, match=r"strace cannot be run: Exec format error"):
             Attachment(pty.device).open(Clock.tied())
         script.write_text("#!/bin/sh\nprintf 'strace: a\\nstrace: b\\n' >&2\nexit 1\n")
         with pytest.raises(PortError, match=r"strace ended: strace: b$"):
@@ -419,7 +418,7 @@ def test_line_of_strace_that_is_cut_is_a_gap_of_its_wire(
     for wire in (HOST, "port"):
         events = seen.events(HOST if wire == HOST else pty.device)
         lost = [e.detail for e in events if e.kind == "overrun"]
-        reason = "bytes may be lost: strace ended within a line"
+        reason = "bytes may be lost: a line of strace cannot be read"
         assert lost == ([reason] if wire in wires else [])
 
 
@@ -427,42 +426,38 @@ TTY_X = "".join(f"\\x{byte:02x}" for byte in b"/dev/ttyX")
 """A name as strace prints it."""
 
 
-def ns(seconds: int, micros: int) -> int:
-    return seconds * 10**9 + micros * 1000
-
-
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
         (
             r'7 1700.000100 read(3, "\xaa\x01", 64) = 2 <0.000050>',
-            Call(b"\xaa\x01", 0, False, ns(1700, 100), ns(1700, 150), "read"),
+            Call("read", False, 1_700_000_150_000, b"\xaa\x01"),
         ),
         (
             r'1700.000100 write(3, "\xaa\x01\x02", 3) = 2 <0.000050>',
-            Call(b"\xaa\x01", 0, True, ns(1700, 100), ns(1700, 150), "write"),
+            Call("write", True, 1_700_000_100_000, b"\xaa\x01"),
         ),
         (
             r'7 1.0 writev(3, [{iov_base="\x01", iov_len=1}, {iov_base="\x02\x03",'
             r" iov_len=2}], 2) = 3 <0.1>",
-            Call(b"\x01\x02\x03", 0, True, ns(1, 0), ns(1, 100_000), "writev"),
+            Call("writev", True, 1_000_000_000, b"\x01\x02\x03"),
         ),
         (
             r'7 1.0 read(3, "\x01"..., 9000) = 9000 <0.1>',
-            Call(b"\x01", 8999, False, ns(1, 0), ns(1, 100_000), "read"),
+            Call("read", False, 1_100_000_000, b"\x01", 8999),
         ),
         (
             r'7 1.0 writev(3</dev/ttyX>, [{iov_base="\x01"..., iov_len=5},'
             r' {iov_base="\x02", iov_len=1}], 2) = 6 <0.1>',
-            Call(b"\x01", 5, True, ns(1, 0), ns(1, 100_000), "writev"),
+            Call("writev", True, 1_000_000_000, b"\x01", 5),
         ),
         (
             rf"7 1.0 sendfile(3<{TTY_X}>, 4<\x2f>, [0] => [9], 99) = 9 <0.1>",
-            Call(b"", 9, True, ns(1, 0), ns(1, 100_000), "sendfile"),
+            Call("sendfile", True, 1_000_000_000, b"", 9),
         ),
         (
             rf"7 1.0 splice(3<{TTY_X}>, NULL, 4<\x70>, NULL, 99, 0) = 9 <0.1>",
-            Call(b"", 9, False, ns(1, 0), ns(1, 100_000), "splice"),
+            Call("splice", False, 1_100_000_000, b"", 9),
         ),
         (r'7 1.0 read(3, "", 64) = 0 <0.000010>', None),
         (r"7 1.0 +++ exited with 0 +++", None),

@@ -95,7 +95,7 @@ def test_simulated_port_is_read_to_its_end_and_no_frame_is_cut() -> None:
     asked = SimulationParameters(seed=2, rate=1000, frames=100, drop=0.2, noise=0.2)
     assert seen.data() == b"".join(item.data for item in Simulation(asked))
     assert seen.kinds() == ["opened", "lost"]
-    assert "unplugged" in seen.events()[-1].detail
+    assert "hung up" in seen.events()[-1].detail
     whole = Seen(opened("sim://?seed=2&frames=40"))
     whole.ended()
     assert {len(chunk.data) % 10 for chunk in whole.chunks()} == {0}

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from fte_sniff.capture.simulation import (
     ACCELERATION_RPM_S,
+    STEP_S,
     Controller,
     Motor,
     Simulation,
     SimulationParameters,
     parse_parameters,
-    wheel_speeds,
 )
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import (
@@ -30,6 +30,7 @@ from tests.examples import examples
 from tests.support.columns import fed
 from tests.support.faults import frame_faults
 
+POSITION = KIND_BY_NAME["position"]
 SHARE = st.floats(0, 1)
 DRAWN = {
     "seed": st.integers(0, 2**64),
@@ -68,8 +69,7 @@ def test_nothing_overlaps_on_the_wire_and_every_byte_takes_its_time(parameters, 
     free_ns = 0
     for item in itertools.islice(Simulation(parameters, baud), 60):
         assert item.data
-        assert item.begins_ns >= free_ns
-        assert item.t_ns - item.begins_ns == len(item.sent or item.data) * byte_time_ns(baud)
+        assert item.t_ns >= free_ns + len(item.sent or item.data) * byte_time_ns(baud)
         free_ns = item.t_ns
 
 
@@ -120,7 +120,7 @@ def test_a_host_shows_every_kind_of_command_within_half_a_minute_and_pauses():
     kinds = [Row("", 0, item.sent, None).kind.name for item in items]
     assert kinds[0] == "reset"
     assert set(kinds) == {"reset", "speed", "position", "mecanum"}
-    assert max(b.begins_ns - a.begins_ns for a, b in itertools.pairwise(items)) > 10**9
+    assert max(b.t_ns - a.t_ns for a, b in itertools.pairwise(items)) > 10**9
 
 
 @given(LEGAL_PARAMETERS)
@@ -166,26 +166,18 @@ def test_a_rate_that_the_line_cannot_carry_is_refused(baud, most):
         Simulation(SimulationParameters(rate=most + 1), baud)
 
 
-STEP_S = 0.002
-SPEED = st.integers(-3000, 3000)
-PLACE = st.integers(-50_000, 50_000)
-
-
 def passed(motor, seconds):
     """The motor's speeds and places, step by step."""
-    reported = []
     for _ in range(int(seconds / STEP_S)):
-        motor.step(STEP_S)
-        reported.append((motor.rpm, motor.pulses))
-    return reported
+        motor.step()
+        yield motor.rpm, motor.pulses
 
 
-@given(SPEED, SPEED)
-def test_a_motor_reaches_its_speed_without_leaps_and_without_passing_it(first, second):
+@given(st.lists(st.integers(-3000, 3000), min_size=2, max_size=2))
+def test_a_motor_reaches_its_speed_without_leaps_and_without_passing_it(targets):
     motor = Motor()
-    for target in (first, second):
-        before = motor.rpm
-        motor.turn(target)
+    for target in targets:
+        before, motor.target_rpm = motor.rpm, target
         for rpm, _ in passed(motor, 3):
             assert abs(rpm - before) <= ACCELERATION_RPM_S * STEP_S + 0.5
             assert min(before, target) - 0.5 <= rpm <= max(before, target) + 0.5
@@ -193,12 +185,11 @@ def test_a_motor_reaches_its_speed_without_leaps_and_without_passing_it(first, s
         assert round(motor.rpm) == target
 
 
-@given(PLACE, PLACE, st.integers(200, 3000))
-def test_a_motor_goes_to_its_place_within_the_limit_and_stays(first, second, limit):
-    motor = Motor()
-    for target in (first, second):
-        before = motor.pulses
-        motor.move(target, limit)
+@given(st.lists(st.integers(-50_000, 50_000), min_size=2, max_size=2), st.integers(200, 3000))
+def test_a_motor_goes_to_its_place_within_the_limit_and_stays(targets, limit):
+    motor = Motor(mode=POSITION, target_rpm=limit)
+    for target in targets:
+        before, motor.target_pulses = motor.pulses, target
         for rpm, pulses in passed(motor, 5 + abs(target - before) / (limit * 500 / 60)):
             assert abs(rpm) <= limit + 1e-6
             assert min(before, target) - 2 <= pulses <= max(before, target) + 2
@@ -221,27 +212,26 @@ def controller():
     return Controller(Random("a quiet one"))
 
 
-SIGNS_OF_WHEELS = [
-    ((30, 0, 0), (1, 1, 1, 1)),
-    ((-30, 0, 0), (-1, -1, -1, -1)),
-    ((0, 30, 0), (-1, 1, 1, -1)),
-    ((0, 0, 500), (-1, 1, -1, 1)),
+SPEEDS_OF_WHEELS = [
+    ((30, 0, 0), (754, 754, 754, 754)),
+    ((-30, 0, 0), (-754, -754, -754, -754)),
+    ((0, 30, 0), (-754, 754, 754, -754)),
+    ((0, 0, 500), (-477, 477, -477, 477)),
+    ((10, -20, 500), (276, 226, -728, 1231)),
     ((0, 0, 0), (0, 0, 0, 0)),
 ]
 
 
-@pytest.mark.parametrize(("motion", "signs"), SIGNS_OF_WHEELS)
-def test_mecanum_wheels_turn_as_the_chassis_moves(controller, motion, signs):
+@pytest.mark.parametrize(("motion", "speeds"), SPEEDS_OF_WHEELS)
+def test_mecanum_wheels_turn_as_the_chassis_moves(controller, motion, speeds):
     obey(
         controller, "mecanum", **dict(zip(("vx_cm_s", "vy_cm_s", "wz_mrad_s"), motion, strict=True))
     )
     controller.advance_to(3)
-    wanted = wheel_speeds(*motion)
-    for motor, sign, rpm in zip(MOTORS, signs, wanted, strict=True):
+    for motor, rpm in zip(MOTORS, speeds, strict=True):
         feedback = reported(controller, motor)
         assert (feedback.kind.name, feedback.cmd) == ("speed_feedback", 3)
         assert abs(feedback.values["rpm"] - rpm) <= 2
-        assert (feedback.values["rpm"] > 0) - (feedback.values["rpm"] < 0) == sign
 
 
 def test_a_position_past_the_field_wraps_as_a_counter_does(controller):
@@ -254,7 +244,7 @@ def test_weak_motor_loses_and_delays_its_answers_and_no_other_does():
     def answers(**asked):
         found = {motor: [] for motor in MOTORS}
         for item in received(6000, host="off", wire="feedback", seed=5, **asked):
-            found[item.sent[2]].append(item.begins_ns)
+            found[item.sent[2]].append(item.t_ns)
         return found
 
     weak = answers(weak_motor=3)
@@ -263,6 +253,6 @@ def test_weak_motor_loses_and_delays_its_answers_and_no_other_does():
     assert all(sent - 200 <= len(weak[motor]) <= sent + 200 for motor in (1, 2, 4))
     assert 0.75 * sent < len(weak[3]) < 0.85 * sent
     # A late answer is far from the slot of its motor, 25 ms apart.
-    slots = {begins_ns // 5_000_000 % 5 for begins_ns in usual[3]}
-    late = [begins_ns for begins_ns in weak[3] if begins_ns // 5_000_000 % 5 not in slots]
+    slots = {t_ns // 5_000_000 % 5 for t_ns in usual[3]}
+    late = [t_ns for t_ns in weak[3] if t_ns // 5_000_000 % 5 not in slots]
     assert 0.2 < len(late) / len(weak[3]) < 0.33

@@ -23,14 +23,16 @@ class Line:
         self.reads: list[bytes | BaseException] = []
         self.closed = 0
         self.refusals: list[Exception] = []
+        self.rest = b""
 
     def connect(self) -> Connection:
         if self.refusals:
             raise self.refusals.pop(0)
         return Connection((self.name,), "", (self._read,), self._close)
 
-    def _close(self) -> None:
+    def _close(self) -> Iterable[Item]:
         self.closed += 1
+        yield Chunk(self.name, CLOCK.now_ns(), self.rest)
 
     def _read(self) -> Iterable[Item]:
         read = self.reads.pop(0) if self.reads else b""
@@ -52,8 +54,10 @@ def source_of(*lines: Line, reconnect: bool = False) -> Source:
 
 def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
     line.reads += [b"one", b"two", b"three"]
+    line.rest = b"rest"
     with Seen(source_of(line)) as seen:
         seen.wait(lambda s: s.data() == b"onetwothree")
+    assert seen.data() == b"onetwothreerest"
     assert seen.kinds() == ["opened", "closed"]
     assert seen.times("a") == sorted(seen.times("a"))
     assert seen.source.end is SourceEnd.STOPPED
@@ -211,20 +215,13 @@ def test_bytes_after_a_pause_of_the_reader_may_be_late(
     assert [chunk.is_late for chunk in seen.chunks()] == [False, True]
 
 
-def test_finish_comes_before_the_last_read(line: Line) -> None:
-    calls = list[str]()
+def test_what_was_read_before_a_loss_is_kept(line: Line) -> None:
+    def read() -> Iterable[Item]:
+        yield Chunk("a", CLOCK.now_ns(), b"last words")
+        raise OSError("gone")
 
-    def connect() -> Connection:
-        def read() -> Iterable[Item]:
-            calls.append("read")
-            threading.Event().wait(0.001)
-            return ()
-
-        return Connection(
-            ("a",), "", (read,), lambda: calls.append("close"), lambda: calls.append("finish")
-        )
-
-    with Seen(Source([connect], CLOCK, reconnect=False)) as seen:
-        wait_until(lambda: len(calls) > 3)
-    assert calls[-3:] == ["finish", "read", "close"]
-    assert seen.kinds() == ["opened", "closed"]
+    connection = Connection(("a",), "", (read,), tuple)
+    seen = Seen(Source([lambda: connection], CLOCK, reconnect=False))
+    seen.ended()
+    assert seen.data() == b"last words"
+    assert seen.kinds() == ["opened", "lost"]

@@ -91,7 +91,7 @@ def test_all_bytes_can_be_read_before_a_loss_raises(line, own, until):
         until(lambda: port.in_waiting == 1)
         line.lose()
         assert found + read() == line.data
-        with pytest.raises(OSError, match=r"hung up|disconnected|unplugged"):
+        with pytest.raises(OSError, match=r"hung up|disconnected"):
             until(read)
 
 
@@ -173,12 +173,6 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
     assert port.write(bytearray(command[4:])) == 6
     until(runs)
     assert (speeds[1], speeds[2], speeds[4]) == (0, 0, 0)
-
-
-def test_a_baud_that_cannot_carry_the_rate_is_refused_while_open(opened):
-    port = opened("rate=1000")
-    with pytest.raises(ValueError, match="at most 96"):
-        port.baudrate = 9600
 
 
 @pytest.mark.parametrize("frames", [0, 3])

@@ -9,15 +9,12 @@ from __future__ import annotations
 import queue
 import socket
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
 from serial import rfc2217
 from serial.serialutil import PortNotOpenError, SerialException
-
-_STEP_S = 0.01
 
 
 class Rfc2217Serial(rfc2217.Serial):
@@ -43,25 +40,16 @@ class Rfc2217Serial(rfc2217.Serial):
         """
         if not self.is_open:
             raise PortNotOpenError
-        end_s = None if self.timeout is None else time.monotonic() + self.timeout
-        while size:
-            # Before the bytes are taken, so that none come behind the end.
-            is_alive = self._thread is not None and self._thread.is_alive()
-            if data := self._arrived(size):
-                return data
-            if not is_alive:
-                raise SerialException("the server has hung up")
-            if end_s is not None and time.monotonic() >= end_s:
-                break
-        return b""
-
-    def _arrived(self, size: int) -> bytes:
-        """What has arrived, or the first byte that does within a moment."""
+        # Before the bytes are taken, so that none come behind the end.
+        is_alive = self._thread is not None and self._thread.is_alive()
         data = b""
         with suppress(queue.Empty):
-            data = self._read_buffer.get(timeout=_STEP_S) or b""
+            # The end of the connection is in the queue too, as None.
+            data += self._read_buffer.get(timeout=self.timeout if is_alive else 0) or b""
             while len(data) < size:
                 data += self._read_buffer.get_nowait() or b""
+        if not data and not is_alive:
+            raise SerialException("the server has hung up")
         return data
 
     def _telnet_read_loop(self) -> None:
