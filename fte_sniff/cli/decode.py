@@ -152,11 +152,7 @@ def _opened(
 
 def _binary_stdout(form: OutputFormat, path: Path | None) -> int:
     in_sequence = form is not OutputFormat.PARQUET
-    if path is None:
+    if path is None or not in_sequence or sys.stdout.isatty():
         pipe = ", or - for a pipe" if in_sequence else ""
         raise UsageError(f"{form} is not text: name a file to write it to with -o{pipe}")
-    if not in_sequence:
-        raise UsageError(f"{form} is not written in sequence: name a file to write it to with -o")
-    if sys.stdout.isatty():
-        raise UsageError(f"{form} is not text for a terminal: send it to a pipe, or name a file")
     return sys.stdout.fileno()

@@ -62,9 +62,11 @@ def _rows_of(words: tuple[str, ...], notes: list[str]) -> list[Rows]:
 
 def _rows_of_log(data: bytes, text: str, notes: list[str]) -> list[Rows]:
     """Rows of a text with other words than hex, which is an InputTextError without frames."""
+    from fte_sniff.formats.known_files import refuse_known
     from fte_sniff.formats.log import Log
     from fte_sniff.formats.log_text import is_text
 
+    refuse_known("standard input", data)
     if not is_text(data):
         raise FileError(
             "standard input: holds no text; if it holds raw bytes, try: fte-sniff decode -"

@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, NoReturn
 
 from fte_sniff.errors import FileError, InputTextError, quoted
-from fte_sniff.formats.known_files import refuse_results
 from fte_sniff.formats.log_text import LONGEST_LINE, LogText, is_text
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
@@ -494,7 +493,7 @@ class Log:
         """A log to read once, from a stream or the file of that name.
 
         Raises:
-            FileError: the file cannot be read, or holds results of this program.
+            FileError: the file cannot be read.
             InputTextError: no frames are found in its first lines.
         """
         self.name, self.options, self._stream = name, options or LogOptions(), stream
@@ -515,8 +514,6 @@ class Log:
         seen, lines = list[str](), list[str]()
         for count in _SAMPLES:
             while len(lines) < count and (block := next(self._blocks, "")):
-                if not seen:
-                    refuse_results(self.name, block)
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
                 if self._is_silent() and self._has_frames(lines):

@@ -36,7 +36,6 @@ _FLAGS: Final = {None: 0, Direction.FEEDBACK: 1, Direction.CONTROL: 2}
 """Inbound or outbound, as the host sees it."""
 _LONGEST_OPTION: Final = 2**16 - 1
 """Bytes of a text, such as the name of a port; a longer one is cut."""
-_LAST_TIME: Final = 2**64 - 1
 
 
 class PcapngWriter:
@@ -60,7 +59,7 @@ class PcapngWriter:
 
     def _blocks(self, row: Row) -> bytes:
         """The block of a row, behind the description of its port if it is the first."""
-        if row.t_ns is None or not 0 <= row.t_ns <= _LAST_TIME:
+        if row.t_ns is None or row.t_ns < 0:
             raise FileError(
                 f"{row.port!r}, offset {row.offset}, has no time since 1970, and pcapng needs one;"
                 " write another format"

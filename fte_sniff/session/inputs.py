@@ -30,7 +30,7 @@ from fte_sniff.errors import (
     TranslatableText,
     UsageError,
 )
-from fte_sniff.formats.known_files import refuse_binary
+from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log_text import is_text
 from fte_sniff.protocol import (
     DEFAULT_BAUD,
@@ -91,7 +91,7 @@ def kind_of(name: str, first: bytes) -> InputKind:
     Text is hex, and what is neither MCAP nor text is raw bytes. Raises FileError if it is known to
     hold no bytes of the wire.
     """
-    refuse_binary(name, first)
+    refuse_known(name, first)
     named = KIND_OF_SUFFIX.get(Path(name).suffix.lower())
     if named is not None:
         return named

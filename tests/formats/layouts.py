@@ -180,14 +180,6 @@ def octal_words(log: Sequence[Sent]) -> str:
     return "".join(lines) + f"{len(data):07o}\n"
 
 
-def ftdi(log: Sequence[Sent]) -> str:
-    text = ""
-    for number, (data, way, _) in enumerate(log):  # two status bytes before those received
-        end, data = ("S Bo:1:005:2", data) if way == "tx" else ("C Bi:1:005:1", b"\1\x60" + data)
-        text += f"ffff9a3c {1234603297 + number} {end} 0 {len(data)} = {data.hex(' ', -4)}\n"
-    return text
-
-
 def hexyl(log: Sequence[Sent]) -> str:
     data = b"".join(sent.data for sent in log)
     return "".join(
@@ -349,7 +341,6 @@ OTHERS: dict[str, Layout] = {
     "od": octal_words,
     "Node.js": node_array,
     "PulseView": pulseview,
-    "usbmon of FTDI": ftdi,
 }
 
 
@@ -412,4 +403,3 @@ LAYOUTS = ONE_LINE | OTHERS
 _REFUSED = ("ESPHome, binary", "Lua", "HTML cells", "Bray's Terminal", "Siemens")
 REFUSED = {name: LAYOUTS.pop(name) for name in _REFUSED}
 """Layouts in forms that are not read."""
-del LAYOUTS["usbmon of FTDI"]

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError, FteSniffError, InputTextError
 from fte_sniff.formats import log_text
+from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log import Log
 from fte_sniff.formats.log_text import is_text
 from fte_sniff.formats.log_times import LogOptions
@@ -474,7 +475,7 @@ def test_text_without_frames_has_no_frames(name: str) -> None:
 )
 def test_own_results_are_refused_with_what_to_do(first: str, what: str) -> None:
     with pytest.raises(FileError, match=f"wrote as {what}, .*; name the recording"):
-        rows_of(f"{first}1,2,3\n")
+        refuse_known("log.txt", f"{first}1,2,3\n".encode())
 
 
 # Any writer
