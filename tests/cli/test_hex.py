@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
-
 import pytest
-from click.testing import CliRunner
-from hypothesis import given
-from hypothesis import strategies as st
 
-from fte_sniff.analysis.line_setup import LineSetup
-from fte_sniff.cli.encode import command as encode_command
-from fte_sniff.protocol import KIND_BY_NAME, KINDS, FrameKind, encode, spaced_hex
+from fte_sniff.protocol import KINDS, FrameKind, encode
 from tests.cli.processes import started
 from tests.cli.terminals import terminal
 from tests.protocol.document import EXAMPLES, Example
 from tests.waiting import BOUND_S
 
-POSITION = KIND_BY_NAME["position"]
 FRAME = "AA 02 02 03 E8 00 00 27 10 EE"
 
 
@@ -54,20 +46,3 @@ def test_raw_bytes_go_to_a_port(environment, tmp_path, pty, kind: FrameKind) -> 
     with started(environment, tmp_path, *words, stdout=pty.near) as sending:
         assert sending.wait(BOUND_S) == 0
     assert pty.arrived(BOUND_S) == encode(kind, values)
-
-
-@given(
-    st.integers(-(2**31), 2**31 - 1),
-    st.decimals("0.01", "100000", places=2),
-    st.decimals("0.01", "1000", places=2),
-)
-def test_turns_are_the_inverse_of_what_the_screen_shows(
-    pulses: int, resolution: Decimal, gear_ratio: Decimal
-) -> None:
-    setup = LineSetup(resolution=float(resolution), gear_ratio=float(gear_ratio))
-    options = {"resolution": resolution, "gear-ratio": gear_ratio, "turns": setup.turns(pulses)}
-    arguments = ["position", "--motor=1", "--rpm=0"]
-    arguments += [f"--{name}={value!s}" for name, value in options.items()]
-    done = CliRunner().invoke(encode_command, arguments)
-    frame = encode(POSITION, {"motor": 1, "rpm": 0, "pulses": pulses})
-    assert done.stdout == f"{spaced_hex(frame)}\n"
