@@ -34,7 +34,6 @@ from fte_sniff.cli.input_files import (
 )
 from fte_sniff.cli.live_data import Datagrams, data_options, local
 from fte_sniff.cli.options import (
-    alert_of,
     alert_option,
     all_of,
     check_columns,
@@ -43,7 +42,6 @@ from fte_sniff.cli.options import (
     in_group,
     parse_seconds,
     seconds_from,
-    silence_of,
 )
 from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import print_err
@@ -228,7 +226,7 @@ def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
         shows_rows=not given.headless,
         duration_s=given.duration,
         count=given.count,
-        silence_s=silence_of(given.alert_text) or given.silence or DEFAULT_SILENCE_S,
+        silence_s=(given.alert and given.alert.silence_s) or given.silence or DEFAULT_SILENCE_S,
     )
 
 
@@ -255,7 +253,7 @@ def run_capture(
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     lines = ControlLine(given.dtr), ControlLine(given.rts)
     plan = capture_plan(given, wiring_with(PortSettings(baud, *lines, share)))
-    wanted, alert = row_filter(given.filter_text, zone), alert_of(given.alert_text, zone)
+    wanted = row_filter(given.filter_text, zone)
     kept = HANG_UP if given.keep_recording else ()
     signals = tuple(one for one in ENDING_SIGNALS if one not in kept)
     drive, observers = None, list[Observer]()
@@ -278,13 +276,16 @@ def run_capture(
             columns=given.columns or ALL_COLUMNS,
             zone=zone or UTC,
         )
-        observers += [CaptureReport(plan, zone, "recording to"), PlainLines(wanted, alert, write)]
+        observers += [
+            CaptureReport(plan, zone, "recording to"),
+            PlainLines(wanted, given.alert, write),
+        ]
     else:
         from fte_sniff.tui.options import StartOptions
 
         start = StartOptions(
             row_filter=wanted,
-            alert=alert,
+            alert=given.alert,
             leave_at_end=given.duration is not None or given.count is not None,
             signals=signals,
             line_setup=settings.line_setup(ports, baud),
@@ -311,7 +312,7 @@ def run_capture(
 def _check_headless(given: SimpleNamespace) -> None:
     """Raise UsageError for options of rows that are not shown."""
     others = {"--plain": given.plain, "--format": given.form, "--columns": given.columns}
-    others |= {"--filter": given.filter_text, "--alert": given.alert_text}
+    others |= {"--filter": given.filter_text, "--alert": given.alert}
     if named := [name for name, value in others.items() if value]:
         raise UsageError(f"--headless shows no rows; leave out {named[0]}")
     if given.no_record:

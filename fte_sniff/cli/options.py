@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterable
-from datetime import tzinfo
 from functools import partial, reduce
 from math import inf
 from typing import TYPE_CHECKING, Any, Final
@@ -69,38 +68,25 @@ grouped_command = partial(click.command, cls=GroupedCommand)
 """As `click.command`, for a command with groups of options."""
 
 
+def _alert(text: str) -> Alert | SilenceAlert:
+    """The alert of `error != 0`, or of `silence > 5`; raises FilterError if it is invalid."""
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+
+    found = _SILENCE.fullmatch(text)
+    return SilenceAlert(float(found[1])) if found else Alert(RowFilter.parse(text))
+
+
+_SILENCE: Final = re.compile(r"\s*silence\s*>=?\s*(\d+(?:\.\d+)?)\s*", re.IGNORECASE)
+
 alert_option = click.option(
     "--alert",
-    "alert_text",
+    type=_alert,
     metavar="EXPR",
     shell_complete=complete_filter,
     help="Ring the bell, at most once per second, when rows match: error != 0; or when a wire is "
     "silent for this many seconds: silence > 5.",
 )
-"""The `--alert` option; its value goes to `alert_of`."""
-
-
-def alert_of(text: str | None, zone: tzinfo | None = None) -> Alert | SilenceAlert | None:
-    """The alert of `--alert`, if it was given; raises FilterError if it is invalid.
-
-    `zone` is that of times that name none; None for UTC.
-    """
-    if text is None:
-        return None
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
-
-    if silence_of(text) is not None:
-        return SilenceAlert()
-    return Alert(RowFilter.parse(text, zone))
-
-
-_SILENCE: Final = re.compile(r"\s*silence\s*>=?\s*(\d+(?:\.\d+)?)\s*", re.IGNORECASE)
-
-
-def silence_of(text: str | None) -> float | None:
-    """The seconds of `--alert 'silence > 5'`; None for another alert, or none."""
-    found = _SILENCE.fullmatch(text or "")
-    return float(found[1]) if found else None
+"""The `--alert` option."""
 
 
 def format_option(help_text: str, forms: Iterable[str], default: str | None = None) -> Decorator:
@@ -189,18 +175,16 @@ DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"
 """The end of the error for a text that is not a duration."""
 
 
-def parse_seconds(text: str) -> float | None:
-    """Seconds of `100ms`, `10s`, `5min`, `1h` or `2d`; infinity if they are too many for a float.
+_MOST_NS: Final = 1 << 100
+"""More than any option takes, and not too much for a float."""
 
-    None for other texts.
-    """
+
+def parse_seconds(text: str) -> float | None:
+    """Seconds of `100ms`, `10s`, `5min`, `1h` or `2d`; None for other texts."""
     from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 
     found = duration_ns(text)
-    try:
-        return None if found is None else found / SECOND_NS
-    except OverflowError:
-        return inf
+    return None if found is None else min(found, _MOST_NS) / SECOND_NS
 
 
 def seconds_from(low: float, high: float = inf) -> Callable[[str], float]:

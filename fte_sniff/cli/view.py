@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
+from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
@@ -22,7 +23,6 @@ from fte_sniff.cli.input_files import (
     print_saved,
 )
 from fte_sniff.cli.options import (
-    alert_of,
     alert_option,
     grouped_command,
 )
@@ -49,7 +49,7 @@ from fte_sniff.session.inputs import Input
 @lang_option
 def command(
     query: InputQuery,
-    alert_text: str | None,
+    alert: Alert | SilenceAlert | None,
     play_speed: float | None,
     following: bool,
     lang: str | None,
@@ -102,7 +102,7 @@ def command(
     )
     opening = StartOptions(
         row_filter=wanted,
-        alert=alert_of(alert_text, query.zone_given()),
+        alert=alert,
         line_setup=setup,
         export_source=reading.source,
         zone=query.zone_given(),

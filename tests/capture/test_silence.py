@@ -33,7 +33,7 @@ def test_wire_that_was_alive_is_silent_and_alive_again() -> None:
 
 
 def test_alert_rings_once_in_each_silence() -> None:
-    alert, watch, rung = SilenceAlert(), SilenceWatch("a", 5), []
+    alert, watch, rung = SilenceAlert(5), SilenceWatch("a", 5), []
     reads = {100: b"x", 3000: b"x", 12_000: b"x", 25_000: b"x"}
     for t_ms in range(0, 30_000, 10):
         events = observed_at(watch, t_ms, reads.get(t_ms, b""))

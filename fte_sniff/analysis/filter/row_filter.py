@@ -235,6 +235,8 @@ ALERT_INTERVAL_S: Final = 1.0
 class Alert:
     """Counts the rows that match a filter, and decides when to signal them."""
 
+    silence_s: float | None = None
+
     def __init__(self, row_filter: RowFilter) -> None:
         self._filter = StreamFilter(row_filter)
         self._due_s = -inf
@@ -261,6 +263,9 @@ class SilenceAlert:
 
     last: Row | None = None
     count = 0
+
+    def __init__(self, silence_s: float) -> None:
+        self.silence_s = silence_s
 
     def observe(self, _rows: Rows, _now_s: float, events: Sequence[PortEvent] = ()) -> bool:
         """Count the silences among the next events; returns whether to signal now."""
