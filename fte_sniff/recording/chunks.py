@@ -212,7 +212,9 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             continue
         opcode, stop = head
         if opcode == Opcode.CHUNK:
-            found.chunks.append(_chunk_at(file, at, stop))
+            inner = file.read(at + HEAD.size, at + _CHUNK_START)
+            first_ns, last_ns, size, *_ = _CHUNK_HEAD.unpack_from(inner)
+            found.chunks.append(ChunkRef(at, stop, stop, first_ns, last_ns, size))
         elif opcode == Opcode.MESSAGE_INDEX:
             if found.chunks and found.chunks[-1].end == at:
                 found.chunks[-1] = found.chunks[-1]._replace(end=stop)
@@ -319,13 +321,6 @@ def _chunk_length(start: bytes) -> int | None:
         return int(before + struct.unpack_from("<Q", start, HEAD.size + before - 8)[0])
     except struct.error:
         return None
-
-
-def _chunk_at(file: _Bytes, at: int, stop: int) -> ChunkRef:
-    first_ns, last_ns, size, _, _ = _CHUNK_HEAD.unpack_from(
-        file.read(at, at + _CHUNK_START), HEAD.size
-    )
-    return ChunkRef(at, stop, stop, first_ns, last_ns, size)
 
 
 def _next_chunk(file: _Bytes, start: int, end: int) -> int:

@@ -233,7 +233,9 @@ class Recorder:
             with suppress(FileError):  # all rows are flushed, so the file is valid
                 writer.close()
             self._put_away(writer)
-        self._delete_surplus()
+        limit_bytes = self._options.keep_bytes
+        while limit_bytes is not None and self.size > limit_bytes and self._delete_oldest():
+            pass
         if self._writer is not None and (limit := self._limit_reached()):
             self._stop(self._writer, limit)
 
@@ -357,12 +359,6 @@ class Recorder:
                 self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
 
     # Space
-
-    def _delete_surplus(self) -> None:
-        limit = self._options.keep_bytes
-        while limit is not None and self.size > limit:
-            if not self._delete_oldest():
-                return
 
     def _delete_oldest(self) -> bool:
         """Delete the capture's oldest closed file; False if there is none that may go.

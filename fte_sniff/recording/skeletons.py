@@ -247,7 +247,8 @@ class MessageDecoder:
         known = np.zeros(1 << 16, np.bool_)
         known[list(types)] = True
         own = known.take(messages.channels)
-        legible = np.flatnonzero(own & _are_legible(messages))
+        has_length = (messages.lengths > 0) & (messages.lengths < LONGEST)
+        legible = np.flatnonzero(own & has_length & (messages.log_times >= 0))
         unreadable = int(own.sum()) - len(legible)
         if len(legible) < len(own):
             messages = Messages(messages.records, *(one[legible] for one in messages[1:]))
@@ -347,12 +348,6 @@ def _alike(
     for rows in groups_of(keys):
         code, length = divmod(int(keys[rows[0]]), LONGEST)
         yield kinds[code], length, rows
-
-
-def _are_legible(messages: Messages) -> Bools:
-    """Which messages have a length and a time that are read."""
-    has_length = (messages.lengths > 0) & (messages.lengths < LONGEST)
-    return has_length & (messages.log_times >= 0)
 
 
 def _events(

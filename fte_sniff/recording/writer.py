@@ -23,7 +23,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, NamedTuple, Self, TypeAlias
-from weakref import finalize
 
 import numpy as np
 import zstandard
@@ -220,7 +219,7 @@ class Encoder:
     @property
     def tail(self) -> bytes:
         """The end of the file while it grows; until the first chunk it has the definitions."""
-        return self._late_definitions() + END
+        return bytes_of(*self._pending) + END
 
     def metadata(self, record: Metadata, at: int) -> bytes:
         """The bytes of a metadata record at an offset of the file."""
@@ -264,7 +263,7 @@ class Encoder:
     def summary(self, at: int) -> bytes:
         """The end of the file, with its summary, at an offset."""
         # A file without a chunk has its definitions here.
-        data_end = self._late_definitions() + bytes_of(DataEnd(0))
+        data_end = bytes_of(*self._pending, DataEnd(0))
         start = at + len(data_end)
         first, last = self.times or (0, 0)
         statistics = Statistics(
@@ -283,9 +282,6 @@ class Encoder:
         crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, 0), crc32(summary))
         return data_end + summary + bytes_of(Footer(start, 0, crc)) + MAGIC
 
-    def _late_definitions(self) -> bytes:
-        return b"" if self._chunk_count else bytes_of(*self._schemas, *self._defined)
-
     def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
         """The schemas and channels that no chunk has yet; raises FileError at too many ports."""
         for port in [*rows.used_ports, *(event.port for event in events)]:
@@ -299,8 +295,7 @@ class Encoder:
                 new = channels_of(number, PortFacts(port))
                 self._defined += new
                 self._pending += new
-        found = bytes_of(*self._pending) if self._pending else b""
-        self._pending = []
+        found, self._pending = bytes_of(*self._pending), []
         return found
 
     def _in_order(self, rows: Rows, events: Sequence[PortEvent]) -> tuple[Ints, Ints]:
@@ -506,7 +501,6 @@ class BulkWriter:
         self._pending: list[Entry] = []
         self._jobs: deque[tuple[ChunkMessages, Future[bytes]]] = deque()
         self._threads = ThreadPoolExecutor(cores())
-        finalize(self, self._threads.shutdown, wait=False)
         self._size = 0
         self._append(self._encoder.head)
 

@@ -31,7 +31,6 @@ from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter, bytes_of
 from tests.examples import examples
-from tests.recording.conftest import unprivileged
 from tests.recording.samples import (
     EVENTS,
     FIRST,
@@ -446,13 +445,6 @@ def test_what_is_not_a_recording_is_one_line(tmp_path: Path, name: str) -> None:
     with pytest.raises(FileError):
         Repair(path).write(tmp_path / "mended.mcap", Existing.REPLACE)
     assert not (tmp_path / "mended.mcap").exists()
-
-
-def test_a_file_that_may_not_be_read(tmp_path: Path) -> None:
-    path = tmp_path / "secret.mcap"
-    path.touch(0)
-    with unprivileged():
-        assert "no permission to read" in found_in(path).reports[0]
 
 
 def test_a_repaired_file_has_the_events_and_replaces_none_unasked(tmp_path: Path) -> None:

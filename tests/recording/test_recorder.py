@@ -17,7 +17,7 @@ from fte_sniff.recording import recorder as recorder_module
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
-from tests.recording.conftest import file_size_limit, unprivileged
+from tests.recording.conftest import file_size_limit
 from tests.recording.samples import (
     BOTH,
     EVENTS,
@@ -116,19 +116,6 @@ def test_what_is_shown_at_once_is_on_the_disk_when_its_time_has_come(
     assert (rows_in(path), syncs) == (rows, [])
     recorder.flush_if_due(START + 10**9, at_once=True)
     assert len(syncs) == 1
-    recorder.close()
-
-
-def test_rows_reach_the_disk_when_their_time_has_come(tmp_path: Path) -> None:
-    path, rows = tmp_path / "x.mcap", some_rows(20)
-    recorder = Recorder(path, [FIRST], options=RecordingOptions(flush_every_s=1000))
-    recorder.flush_if_due(START)
-    recorder.write(Rows.of(rows))
-    recorder.flush_if_due(START + 999 * 10**9)
-    assert (rows_in(path), recorder.unflushed_rows) == ([], 20)
-    recorder.flush_if_due(START + 1000 * 10**9)
-    assert (rows_in(path), recorder.unflushed_rows) == (rows, 0)
-    recorder.close()
     recorder.close()
 
 
@@ -325,10 +312,3 @@ def test_files_of_an_earlier_capture_are_kept(tmp_path: Path) -> None:
     flush_each(recorder, rows)
     recorder.close()
     assert rows_in(first) + rows_in(second) == rows
-
-
-def test_a_folder_without_permission_is_one_line(tmp_path: Path) -> None:
-    folder = tmp_path / "closed"
-    folder.mkdir(0o555)
-    with unprivileged(), pytest.raises(FileError, match="no permission"):
-        Recorder(folder / "x.mcap", [FIRST])
