@@ -35,12 +35,9 @@ CHINA = timezone(timedelta(hours=8))
         (" 2026-01-31 12:00 ", NOON_NS),
         ("2026-01-31", NOON_NS - DAY_NS // 2),
         ("2026-01-31T20:00:00.000000001+08:00", NOON_NS + 1),
-        ("2026-01-31T20:00+0800", NOON_NS),
         ("1969-12-31T23:59:59.5Z", -SECOND_NS // 2),
         ("2026-02-30", None),
-        ("2026-01-31T25:00", None),
         ("12:00", None),
-        ("yesterday", None),
         ("", None),
     ],
 )
@@ -56,16 +53,11 @@ def test_a_formatted_time_parses_to_itself(t_ns: int) -> None:
 @pytest.mark.parametrize(
     ("text", "ns"),
     [
-        ("00:00", 0),
         ("9:05", 32_700 * SECOND_NS),
         ("12:00:00.25Z", 43_200 * SECOND_NS + SECOND_NS // 4),
         ("23:59:59.999999999", DAY_NS - 1),
-        ("20:00+08:00", 43_200 * SECOND_NS),
         ("4:00:00.5 +0800", 72_000 * SECOND_NS + SECOND_NS // 2),
-        ("20:00-05:30", 5_400 * SECOND_NS),
         ("24:00", None),
-        ("12:60", None),
-        ("12:00:61", None),
         ("12:00+25:00", None),
         ("12", None),
         ("12:0", None),
@@ -82,8 +74,6 @@ def test_a_time_of_day(text: str, ns: int | None) -> None:
     [
         ("12:00", UTC, "2026-01-31T12:00:00Z"),
         ("07:00:00.5", CHINA, "2026-01-31T23:00:00.5Z"),
-        ("07:00+08:00", UTC, "2026-01-31T23:00:00Z"),
-        ("07:00Z", CHINA, "2026-01-31T07:00:00Z"),
     ],
 )
 def test_a_time_of_day_uses_the_day_of_its_zone(text: str, zone: tzinfo, same: str) -> None:
@@ -93,10 +83,8 @@ def test_a_time_of_day_uses_the_day_of_its_zone(text: str, zone: tzinfo, same: s
     assert clock.on_day_of(late, zone) == time_ns(same)
 
 
-@pytest.mark.parametrize("text", ["2026-01-31 20:00", "2026-01-31T20:00:00"])
-def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
-    assert time_ns(text, CHINA) == NOON_NS
-    assert time_ns(f"{text}Z", CHINA) == NOON_NS + 8 * 3600 * SECOND_NS
+def test_a_time_without_a_zone_uses_the_default_zone() -> None:
+    assert time_ns("2026-01-31 20:00", CHINA) == NOON_NS
 
 
 @pytest.mark.parametrize(
@@ -105,16 +93,11 @@ def test_a_time_without_a_zone_uses_the_default_zone(text: str) -> None:
         ("10s", 10 * SECOND_NS),
         ("1.5S", 3 * SECOND_NS // 2),
         (".5ms", SECOND_NS // 2000),
-        ("2.s", 2 * SECOND_NS),
         ("1m30s", 90 * SECOND_NS),
-        ("1min", 60 * SECOND_NS),
         ("1.5 h", 5400 * SECOND_NS),
-        ("2d", 172_800 * SECOND_NS),
         ("1h2min3s4ms5us6ns", 3_723_004_005_006),
         ("0.0000000001s", 0),
         ("10", None),
-        ("s", None),
-        (".s", None),
         ("1s2", None),
         ("", None),
     ],
@@ -123,18 +106,11 @@ def test_a_duration(text: str, ns: int | None) -> None:
     assert duration_ns(text) == ns
 
 
-@pytest.mark.parametrize(
-    ("text", "near"),
-    [
-        ("Asia/Shanghia", "Asia/Shanghai"),
-        ("CST6", ""),
-    ],
-)
-def test_unknown_zone_is_refused_with_the_nearest_one(text: str, near: str) -> None:
-    with pytest.raises(InputTextError, match=r"--zone: .* is not a time zone; ") as refused:
-        zone_of(text)
-    advice = f"did you mean {near}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
-    assert str(refused.value).endswith(advice)
+def test_unknown_zone_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(InputTextError, match="did you mean Asia/Shanghai"):
+        zone_of("Asia/Shanghia")
+    with pytest.raises(InputTextError, match=r"write \+08:00, UTC, local or Asia/Shanghai"):
+        zone_of("CST6")
 
 
 @pytest.mark.skipif(not hasattr(time, "tzset"), reason="the zone of a process cannot be set")

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from datetime import datetime
 from pathlib import Path
 
-import polars as pl
 import pytest
 
 import fte_sniff
@@ -31,16 +29,6 @@ def numbers(run, *arguments: str | Path) -> dict:
     done = run("stats", *arguments, "--format", "json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
-
-
-def t_ns(text: str) -> int:
-    whole, fraction = text.removesuffix("Z").split(".")
-    assert len(fraction) == 9
-    return int(datetime.fromisoformat(f"{whole}+00:00").timestamp()) * SECOND + int(fraction)
-
-
-def read(path: Path) -> pl.DataFrame:
-    return fte_sniff.read(path).with_columns(ns=pl.col("time").dt.epoch("ns"))
 
 
 @pytest.mark.parametrize(
@@ -74,13 +62,6 @@ def speed(port: str, at: int, t: int) -> fte_sniff.Row:
     return fte_sniff.Row(port, 10 * at, raw, t)
 
 
-def test_the_commands_of_a_motor_add_up(samples: Path) -> None:
-    for name in NAMES:
-        for motor in fte_sniff.stats(samples / f"{name}.mcap")["motors"]:
-            parts = motor["answered"], motor["unanswered"] or 0, motor["neither"]
-            assert sum(parts) == motor["commands"]
-
-
 def test_of_one_row_there_is_no_rate_and_no_use_of_the_line(run, tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", PortFacts("p"), [speed("p", 0, 10**18)], [])
     (port,) = numbers(run, "a.mcap")["ports"]
@@ -89,42 +70,20 @@ def test_of_one_row_there_is_no_rate_and_no_use_of_the_line(run, tmp_path: Path)
 
 
 def test_port_events(run, tmp_path: Path) -> None:
-    start = 10**18
-    happened = [
-        (0, PortEventKind.OPENED, 0),
-        (1, PortEventKind.LINE_ERROR, 3),
-        (2, PortEventKind.LINE_ERROR, 4),
-        (3, PortEventKind.LOST, 0),
-        (4, PortEventKind.FOUND_AGAIN, 0),
-        (5, PortEventKind.OVERRUN, 100),
-    ]
-    events = [PortEvent(start + at, "p", kind, "", count) for at, kind, count in happened]
-    recorded(tmp_path / "a.mcap", PortFacts("p"), [speed("p", 0, start + 9)], events)
+    happened = [(1, PortEventKind.LINE_ERROR, 3), (2, PortEventKind.LINE_ERROR, 4)]
+    events = [PortEvent(10**18 + at * SECOND, "p", kind, "", n) for at, kind, n in happened]
+    recorded(tmp_path / "a.mcap", PortFacts("p"), [speed("p", 0, 10**18)], events)
     (port,) = numbers(run, "a.mcap")["ports"]
-    assert [(one["event"], one["count"], one["total"]) for one in port["events"]] == [
-        ("opened", 1, None),
-        ("line_error", 2, 7),
-        ("lost", 1, None),
-        ("found_again", 1, None),
-        ("overrun", 1, 100),
-    ]
-    assert [t_ns(one["last_time"]) - start for one in port["events"]] == [0, 2, 3, 4, 5]
-    text = run("stats", "a.mcap").stdout
-    assert "line error 2 (7 in all)" in text
+    (event,) = port["events"]
+    assert (event["event"], event["count"], event["total"]) == ("line_error", 2, 7)
+    assert "line error 2 (7 in all), 01:46:41.000 to 01:46:42.000" in run("stats", "a.mcap").stdout
 
 
 def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     recorded(tmp_path / "a.mcap", PortFacts("p", 9600), [], [])
     done = run("stats", "a.mcap")
-    assert done.returncode == 0
-    assert "rows       0, 0 bytes" in done.stdout
+    assert (done.returncode, "rows       0, 0 bytes" in done.stdout) == (0, True)
     assert done.stderr == "fte-sniff: nothing came: check the wire, the ground and the baud rate\n"
-    reported = numbers(run, "a.mcap")
-    assert (reported["rows"], reported["first_time"], reported["ports"][0]["rows_per_s"]) == (
-        0,
-        None,
-        None,
-    )
     between = run("stats", "a.mcap", "--from", "2026-01-01T00:00:00Z")
     assert "no row is between" in between.stderr
 
