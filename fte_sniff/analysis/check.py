@@ -499,11 +499,9 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
 def _of_table(where: str, table: object) -> Rule:
     match table:
         case {"name": str(name), "expect": str(expect), **rest} if name.strip():
-            match rest:
-                case {"may_be_uncovered": bool(allowed), **more} if not more:
-                    return rule_at(where, expect, name, may_be_uncovered=allowed)
-                case _ if not rest:
-                    return rule_at(where, expect, name)
+            allowed = rest.pop("may_be_uncovered", False)
+            if isinstance(allowed, bool) and not rest:
+                return rule_at(where, expect, name, may_be_uncovered=allowed)
     raise InputTextError(
         f"{where}: needs a name and expect, which are texts; may_be_uncovered = true may follow"
     )

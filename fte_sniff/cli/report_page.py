@@ -30,21 +30,19 @@ from bokeh.resources import INLINE
 
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.segments import Counts, added
-from fte_sniff.analysis.table import Table
+from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
 from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
-from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, VALUE_FIELDS, Role
+from fte_sniff.protocol.spec import FIELD_BY_NAME, VALUE_FIELDS
 
 MOST_WINDOWS: Final = 2000
 _SHORTEST: Final = 20
 """The shortest window has 2 to this power of nanoseconds, about a millisecond."""
 
-_MOTOR: Final = NAME_OF_ROLE[Role.MOTOR]
-_QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 _FLAGS: Final = tuple(field.name for field in VALUE_FIELDS if field.legal_bits is not None)
-_VALUES: Final = (*_QUANTITIES, *_FLAGS)
+_VALUES: Final = (*QUANTITIES, *_FLAGS)
 _COLOURS: Final = {Direction.CONTROL: "#d9822b", Direction.FEEDBACK: "#3a7bd5"}
 _FLAG, _QUIET = "#d03b3b", "#8a8f98"
 
@@ -73,13 +71,13 @@ def counted(table: Table) -> Counts:
     """
     at = table.counted[table.rows.timed[table.counted]]
     rows, number = table.rows.select(at), table.runs["number"][at]
-    frame = table_frame(rows, ["direction", _MOTOR, "faults", *_VALUES]).with_columns(
+    frame = table_frame(rows, ["direction", MOTOR, "faults", *_VALUES]).with_columns(
         window=pl.Series(rows.t_ns >> _SHORTEST << _SHORTEST)
     )
     faults = frame.select("window", fault="faults").explode("fault").drop_nulls()
     breaks = rows.t_ns[:-1][np.diff(number) != 0]
     return {
-        "plot values": frame.group_by("window", "direction", _MOTOR).agg(
+        "plot values": frame.group_by("window", "direction", MOTOR).agg(
             *(pl.col(name).min().alias(f"least {name}") for name in _VALUES),
             *(pl.col(name).max().alias(f"greatest {name}") for name in _VALUES),
         ),
@@ -121,8 +119,8 @@ def _plots(counts: Counts) -> Iterator[Any]:
     if len(faults):
         yield _fault_plot(faults, shared)
     for motor in (*MOTORS, None):
-        own = values.filter(pl.col(_MOTOR).eq_missing(motor))
-        for name in _QUANTITIES:
+        own = values.filter(pl.col(MOTOR).eq_missing(motor))
+        for name in QUANTITIES:
             if own[f"least {name}"].count():
                 yield _value_plot(own, motor, name, shared, breaks)
 
@@ -130,9 +128,8 @@ def _plots(counts: Counts) -> Iterator[Any]:
 def _figure(title: str, height: int, shared: Range1d, **options: Any) -> Any:
     zoom = WheelZoomTool(dimensions="width")
     drag = BoxZoomTool(dimensions="width")
-    heading = Title(text=title, text_color=_QUIET)
     made = figure(
-        title=heading,
+        title=Title(text=title, text_color=_QUIET),
         x_axis_type="datetime",
         x_range=shared,
         height=height,

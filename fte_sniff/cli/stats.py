@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import click
 from rich.text import Text
 
-from fte_sniff.analysis.table import MOTOR
+from fte_sniff.analysis.table import MOTOR, QUANTITIES
 from fte_sniff.cli.input_files import InputQuery, gap_text, input_options
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
@@ -25,7 +25,7 @@ from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.protocol import VALUE_FIELDS, Status, iso_time
+from fte_sniff.protocol import Status, iso_time
 from fte_sniff.protocol.columns import iso_time_ns
 from fte_sniff.session.stats_json import Json, statistics_json
 
@@ -69,7 +69,6 @@ def command(query: InputQuery, form: str) -> None:
 
 
 _LABEL: Final = 10
-_QUANTITIES: Final = tuple(field.name for field in VALUE_FIELDS if field.unit)
 
 When: TypeAlias = Callable[[str | None], str]
 """The time of day of a time of the JSON object; a dash for None."""
@@ -253,7 +252,7 @@ def _values(streams: Sequence[Json]) -> Columns:
         ends = "{least} .. {greatest}"
         return lambda one, _: ends.format_map(one["values"][name]) if name in one["values"] else "–"
 
-    names = [name for name in _QUANTITIES if any(name in one["values"] for one in streams)]
+    names = [name for name in QUANTITIES if any(name in one["values"] for one in streams)]
     return (*_STREAM, *((name, text(name)) for name in names))
 
 

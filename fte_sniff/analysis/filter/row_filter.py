@@ -168,17 +168,8 @@ class RowFilter:
         )
 
     def matches(self, rows: Rows) -> Bools:
-        """Whether each row passes; a null does not.
-
-        Raises FilterError if the filter cannot be computed for these rows.
-        """
-        try:
-            return _passes(self.expression, rows)
-        except _REFUSED as error:
-            raise FilterError(
-                "filter: it cannot be computed ({why}); compare fields with plain values",
-                why=_reason(error),
-            ) from None
+        """Whether each row passes; a null does not."""
+        return _passes(self.expression, rows)
 
     def stream(self) -> StreamFilter:
         """This filter, for rows that come one after the other."""
@@ -194,10 +185,6 @@ def _passes(expression: pl.Expr, rows: Rows) -> Bools:
     # A constant would be one row.
     found = frame.select((pl.repeat(True, pl.len()) & expression).fill_null(False))
     return found.to_series().to_numpy()
-
-
-def _reason(error: BaseException) -> str:
-    return printable(str(error).split("\n", 1)[0][:120])
 
 
 class StreamFilter:
@@ -406,7 +393,8 @@ class _Parser:
         try:
             _passes(found, _TEST_ROWS)
         except _REFUSED as error:
-            what = f"this cannot be compared ({_reason(error)})"
+            why = printable(str(error).split("\n", 1)[0][:120])
+            what = f"this cannot be compared ({why})"
             fix = "compare fields with values of their type"
             raise self._mistake(left.start, what, fix) from None
         return _Term(found, left.start, is_condition=True)
