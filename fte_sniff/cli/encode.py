@@ -13,18 +13,13 @@ import click
 from fte_sniff.protocol import KINDS, Field, FrameKind, encode, spaced_hex
 
 
-class _Integer(click.ParamType[int]):
-    """An integer in decimal, or in hex with 0x."""
-
-    name = "integer"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> int:
-        try:
-            return int(str(value), 0)
-        except ValueError:
-            self.fail(f"{value!r} is not an integer (write 15, -15 or 0x0F)", param, ctx)
+def integer(value: object) -> int:
+    """An integer in decimal, or in hex with 0x; raises BadParameter."""
+    try:
+        return int(str(value), 0)
+    except ValueError as error:
+        fix = f"{value!r} is not an integer (write 15, -15 or 0x0F)"
+        raise click.BadParameter(fix) from error
 
 
 @click.group(name="encode", short_help="The bytes of a frame from its values.")
@@ -43,7 +38,7 @@ def _option(field: Field) -> click.Option:
     default = None if field.default is None else field.text(field.default)
     return click.Option(
         [f"--{field.option}", field.name],
-        type=_Integer(),
+        type=integer,
         default=default,
         show_default=default is not None,
         help=f"{field.meaning} ({field.range_text})",
@@ -64,7 +59,7 @@ def _command_of(kind: FrameKind) -> click.Command:
         text = f"CMD, {' or '.join(map(str, kind.cmds))}"
         default = kind.cmds[0]
         options.append(
-            click.Option(["--cmd"], type=_Integer(), default=default, show_default=True, help=text)
+            click.Option(["--cmd"], type=integer, default=default, show_default=True, help=text)
         )
     return click.Command(
         kind.name,

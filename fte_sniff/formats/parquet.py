@@ -20,25 +20,13 @@ def write_parquet(
 ) -> None:
     """Write the frames in order, with only a few in memory at once.
 
-    Raises OSError if the file cannot be written, and any exception of the iterator.
+    Raises OSError if the file cannot be written.
     """
-    raised: list[Exception] = []
-
-    def source(
-        _names: list[str] | None, _wanted: pl.Expr | None, _limit: int | None, _size: int | None
-    ) -> Iterator[pl.DataFrame]:
-        try:
-            yield from frames
-        except Exception as error:  # noqa: BLE001 - polars would change its type
-            raised.append(error)
-
     try:
-        register_io_source(source, schema=schema).sink_parquet(path, engine="streaming")
+        source = register_io_source(lambda *_wanted: frames, schema=schema)
+        source.sink_parquet(path, engine="streaming")
     except PolarsError as error:
-        if not raised:
-            raise _system_error(error) from error
-    if raised:
-        raise raised[0]
+        raise _system_error(error) from error
 
 
 def _system_error(error: PolarsError) -> OSError:

@@ -91,7 +91,6 @@ def values(number: int, sent: Sent) -> dict[str, object]:
         "pad": " ".join(f"{b:3d}" for b in data),
         "signed": ", ".join(str(b - 256 if b > 127 else b) for b in data),
         "bits": " ".join(f"{b:08b}" for b in data),
-        "esphome": ";".join(f"0b{b:08b} (0x{b:02X})" for b in data),
         "oct": " ".join(f"{b:03o}" for b in data),
         "repr": repr(data),
         "quoted": escaped(data),
@@ -107,12 +106,8 @@ def values(number: int, sent: Sent) -> dict[str, object]:
         "sum": f"{sum(data) & 0xFF:02X}",
         "fours": data.hex(" ", -4),
         "X": "".join(f"\\{b:02X}" for b in data),
-        "lua": "".join(f"\\{b:03d}" for b in data),
         "pascal": "".join(f"#${b:02X}" for b in data),
         "bars": " | ".join(map(UPPER, data)),
-        "cells": "".join(f"<td>{b:02X}</td>" for b in data),
-        "decimals": "".join(f"<{b:03}>" for b in data),
-        "plc": ", ".join(f"B#16#{b:02X}" for b in data),
         "waves": " ".join(f"h{b:02X}" for b in data),
         "modbus": "".join(f"[{b:02X}]" if tx else f"<{b:02X}>" for b in data),
         "ns": (1_700_000_000_000 + sent.ms) * 10**6,
@@ -254,7 +249,6 @@ ONE_LINE: dict[str, Layout] = {
     "Qt": line('{t} "{lower}" {send}'),
     "octal": line("{tx} {oct}"),
     "binary": line("{tx} {bits}"),
-    "ESPHome, binary": line("[{t}][D][uart_debug:204]: {sign}{sign}{sign} {esphome}"),
     "C string": line('{t} {send}("{quoted}", {len}) = {len}'),
     "JSON latin": line('{{"time":"2024-03-05T{t}Z","dir":"{tx}","data":{latin}}}'),
     "JSON strings": line('{{"time":"2024-03-05T{t}Z","dir":"{tx}","data":{strings}}}'),
@@ -295,10 +289,8 @@ ONE_LINE: dict[str, Layout] = {
     "pymodbus": line("{t} DEBUG transport:312 {send}: {xs} old_data:  addr=None"),
     "QModMaster": line("{t} - {TX} > {lower}"),
     "LabVIEW escapes": line("{t}\t{TX}\t{X}"),
-    "Lua": line('{t} {tx} "{lua}"'),
     "Delphi": line("{t} {TX} {pascal}"),
     "HTML table": line("<tr><td>{t}</td><td>{TX}</td><td>{spaced}</td></tr>"),
-    "HTML cells": line("<tr><td>{t}</td><td>{tx}</td>{cells}</tr>"),
     "Org table": line("| {t} | {TX} | {bars} |"),
     "InfluxDB": line('uart,dir={tx},port=ttyUSB0 data="{hex}",len={len}i {ns}'),
     "psql": line("  {n:3} | 2024-03-05 {t} | {tx} | \\x{hex}"),
@@ -318,8 +310,6 @@ ONE_LINE: dict[str, Layout] = {
     "Elixir": line("{t} [debug] {tx}: <<{dec}>>"),
     "SSCOM": line("[{t}]{zh}{arrow}◇{spaced} □"),
     "PlatformIO": line("{t} > {lower}"),
-    "Bray's Terminal": line("{t} {TX} {decimals}"),
-    "Siemens": line("{n:4} {t} {send} {plc}"),
     "WaveForms": line("{TX}: {waves}"),
     "words after bytes": line("{spaced}   # {TX} at {t}"),
     "heading with a count": line("[{t}] {outgoing} {len} bytes:\n\t{lower}"),
@@ -399,7 +389,3 @@ OTHERS |= {
 }
 
 LAYOUTS = ONE_LINE | OTHERS
-
-_REFUSED = ("ESPHome, binary", "Lua", "HTML cells", "Bray's Terminal", "Siemens")
-REFUSED = {name: LAYOUTS.pop(name) for name in _REFUSED}
-"""Layouts in forms that are not read."""

@@ -32,7 +32,7 @@ from fte_sniff.protocol import (
 )
 from fte_sniff.session.framing import rows_of_chunks
 from tests.examples import examples
-from tests.formats.layouts import LAYOUTS, REFUSED, Sent, clock, escaped, spaced
+from tests.formats.layouts import LAYOUTS, Sent, clock, escaped, spaced
 
 WAYS = ("tx", "rx")
 FOREIGN = (
@@ -107,12 +107,6 @@ def test_long_log_gives_what_its_first_lines_give(name: str) -> None:
     rows, _ = rows_of(LAYOUTS[name](log))
     assert found_in(rows) == frames_of(log)
     assert size_of(rows) == size_of(log)
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_layout_without_a_known_form_is_refused(name: str) -> None:
-    with pytest.raises(InputTextError, match="no frames found in 30 lines"):
-        rows_of(REFUSED[name](a_log(0)))
 
 
 class Trickle(BytesIO):
