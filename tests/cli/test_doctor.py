@@ -14,7 +14,7 @@ from random import Random
 import pytest
 
 from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
-from tests.beside import Work, held
+from tests.beside import Work
 from tests.cli.conftest import Run
 from tests.slow import first
 from tests.support.faults import draw_frame, ordinary
@@ -147,17 +147,6 @@ def test_a_dead_wire_is_reported_and_nothing_is_written_to_it(run: Run) -> None:
     assert not written
     assert code == 1
     assert "nothing came: a dead wire" in said["bad"][0]
-
-
-def test_a_busy_port_is_reported_with_its_holder(run: Run) -> None:
-    with wire() as (_, port):
-        near = os.open(port, os.O_RDWR | os.O_NOCTTY)
-        with held(near) as other:
-            os.close(near)
-            done = run("doctor", port)
-    assert done.returncode == 3
-    assert f"{port} is busy: sleep (pid {other.pid}) has it open; " in done.stderr
-    assert f"`fte-sniff live --attach {port}`" in done.stderr
 
 
 def test_without_a_port_no_port_is_opened(run: Run) -> None:

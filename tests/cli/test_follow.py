@@ -183,40 +183,6 @@ def without_facts(text: str) -> list[str]:
     return [line.rsplit(",", len(DERIVED))[0] for line in text.splitlines()]
 
 
-def _truncate(file: Path) -> None:
-    os.truncate(file, 100)
-
-
-def _replace(file: Path) -> None:
-    (file.parent / "other.mcap").write_bytes(file.read_bytes())
-    (file.parent / "other.mcap").replace(file)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (_truncate, "x.mcap was replaced by another file, or cut off"),
-        (_replace, "x.mcap was replaced by another file"),
-        (Path.unlink, "x.mcap: no such file"),
-    ],
-)
-def test_a_file_that_is_no_longer_the_same_is_reported(
-    environment, tmp_path: Path, change, words: str
-) -> None:
-    follow = ("decode", "--follow", "x.mcap", "--format", "csv")
-    with (
-        writing(environment, tmp_path, "x.mcap") as writer,
-        started(environment, tmp_path, *follow) as reader,
-    ):
-        flush(writer)
-        until(reader, b",0,10,")
-        change(tmp_path / "x.mcap")
-        code, _, errors = ended(reader)
-    assert code == 4
-    assert f"fte-sniff: {words}" in errors
-    assert "1 row, nothing malformed" in errors
-
-
 def test_a_limit_and_the_end_of_a_range_end_it(run) -> None:
     file = SAMPLES / "clean.mcap"
     for option in (["--limit", "3"], ["--to", "+1s"]):

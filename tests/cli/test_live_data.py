@@ -125,21 +125,3 @@ def test_network_is_allowed_by_the_settings(run, environment, tmp_path: Path) ->
     environment["FTE_SNIFF_CONFIG"] = str(settings)
     done = run("live", SIM, "--no-record", "--count", "1", "--udp", "192.0.2.1:9870")
     assert done.returncode == 0
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("--headless", "--format", "jsonl", "-o", "x.mcap"),
-        ("-o", "-", "--format", "jsonl"),
-        ("--udp", "8.8.8.8:1", "--no-record"),
-        ("--format", "parquet"),
-    ],
-)
-def test_options_that_contradict_each_other_are_refused(
-    run, tmp_path: Path, words: tuple[str, ...]
-) -> None:
-    done = run("live", SIM, "--count", "5", *words)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []

@@ -163,13 +163,16 @@ def test_what_is_chosen_holds_and_the_rest_follows_the_file(
         assert other.theme == (choices.theme if is_own else "nord")
 
 
-@pytest.mark.parametrize("content", ["", "[]", '{"theme": 1, "columns": ["x"], "filters": 3}'])
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"[]", b"\xff", b"[" * 100_000, b'{"theme": 1, "columns": ["x"], "filters": 3}'],
+)
 def test_invalid_choices_are_ignored(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, content: bytes
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     (tmp_path / "fte-sniff").mkdir()
-    (tmp_path / "fte-sniff/screen.json").write_text(content)
+    (tmp_path / "fte-sniff/screen.json").write_bytes(content)
     assert Settings({"theme": "nord"}).choices == Choices(theme="nord")
 
 

@@ -100,17 +100,6 @@ def test_terminal_has_the_lines_of_a_pipe_in_colours(
     assert plain.splitlines() == run("stats", file).stdout.splitlines()
 
 
-def test_no_colour_where_none_is_wanted(environment, tmp_path: Path, samples: Path, run) -> None:
-    wanted = environment | {"NO_COLOR": "1"}
-    with terminal(wanted, tmp_path, "stats", str(samples / "damaged.mcap")) as one:
-        assert one.ended() == 0
-        assert not re.search(rb"\x1b\[[0-9;]*3[0-9]", one.drawn)
-    plain = run("stats", samples / "damaged.mcap").stdout
-    assert "\x1b" not in plain
-    assert "! truncated" in plain
-    assert "? reserved_nonzero" in plain
-
-
 def keys_of(value: object) -> set[str]:
     if isinstance(value, dict):
         return set(value).union(*map(keys_of, value.values()))
