@@ -139,9 +139,8 @@ class Attachment:
 def connect_strace(
     wanted: Attachment, clock: Clock, notes: Iterator[TranslatableText]
 ) -> Connection:
-    """Watch the programs that have the port open; raises as `Attachment.open`."""
-    device = os.path.realpath(wanted.port)
-    strace = Strace(wanted.names, _holders(wanted), device, clock, notes)
+    """Start to watch; raises as `Attachment.open`."""
+    strace = Strace(wanted, clock, notes)
     attached = TranslatableText("attached: {holders}", holders=holders_text(strace.holders))
     return Connection(
         names=wanted.names,
@@ -159,22 +158,15 @@ def connect_strace(
 class Strace:
     """A running strace, whose lines are chunks of both wires; they come from its standard error."""
 
-    def __init__(
-        self,
-        names: tuple[str, ...],
-        holders: list[Holder],
-        device: str,
-        clock: Clock,
-        notes: Iterator[TranslatableText],
-    ) -> None:
-        """Watch programs at a device; `names` are the wires, and `notes` are reported first.
+    def __init__(self, wanted: Attachment, clock: Clock, notes: Iterator[TranslatableText]) -> None:
+        """Watch the programs that have the port open; `notes` are reported first.
 
-        Raises PortError, with the fix, if strace is not installed or cannot watch them.
+        Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
-        self._names, self.holders, self._clock = names, holders, clock
-        self._notes = notes
+        self._names, self._clock, self._notes = wanted.names, clock, notes
+        self.holders = _holders(wanted)
         self._look_s = 0.0
-        self._watch(device)
+        self._watch(os.path.realpath(wanted.port))
 
     def _watch(self, device: str) -> None:
         self._device, self._terminals = device, _terminals_of(self.holders)

@@ -17,7 +17,7 @@ import termios
 import time
 import tty
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -146,7 +146,8 @@ class Forwarder:
         self._not_delivered += self._host.write(data)
         yield Chunk(self._port, now_ns, data)
         if now_ns - self._reported_ns >= REPORT_NS:
-            yield from self._undelivered(now_ns)
+            self._reported_ns = now_ns
+            yield from self._undelivered()
 
     def control(self) -> Iterator[Item]:
         """Forward what the host program has written; without room, it has to wait."""
@@ -155,41 +156,37 @@ class Forwarder:
         sent = self._write(self._pending) if self._pending else 0
         data, self._pending = self._pending[:sent], self._pending[sent:]
         if self._host.in_use != was_in_use:
-            yield self._use()
+            detail = TranslatableText("a host program closed {name}", name=self._host.name)
+            kind = PortEventKind.CLOSED
+            if self._host.in_use:
+                detail = TranslatableText("a host program opened {name}", name=self._host.name)
+                kind = PortEventKind.OPENED
+            yield self._event(kind, detail)
         yield Chunk(HOST, self._leaves_ns(len(data)), data)
 
     def rest(self) -> Iterator[Item]:
         """Report what was not forwarded, and that the bridge hangs up."""
-        yield from self._undelivered(self._clock.now_ns())
-        t_ns = self._leaves_ns(0)
+        yield from self._undelivered()
         if count := len(self._pending):
             detail = TranslatableText(
                 "{count} bytes from the host program were not sent: the port did not accept them",
                 count=count,
             )
-            yield PortEvent(t_ns, HOST, PortEventKind.NOT_PASSED_ON, detail, count)
+            yield self._event(PortEventKind.NOT_PASSED_ON, detail, count)
         if self._host.in_use:
-            detail = TranslatableText("the bridge hangs up")
-            yield PortEvent(t_ns, HOST, PortEventKind.CLOSED, detail)
+            yield self._event(PortEventKind.CLOSED, TranslatableText("the bridge hangs up"))
 
-    def _undelivered(self, now_ns: int) -> Iterator[PortEvent]:
+    def _undelivered(self) -> Iterator[PortEvent]:
         count, self._not_delivered = self._not_delivered, 0
         if count:
-            self._reported_ns = now_ns
             detail = TranslatableText(
                 "the host program does not read: {count} bytes were recorded, but not delivered",
                 count=count,
             )
-            t_ns = max(now_ns, self._free_ns)
-            yield PortEvent(t_ns, HOST, PortEventKind.NOT_PASSED_ON, detail, count)
+            yield self._event(PortEventKind.NOT_PASSED_ON, detail, count)
 
-    def _use(self) -> PortEvent:
-        name, t_ns = self._host.name, self._leaves_ns(0)
-        if self._host.in_use:
-            detail = TranslatableText("a host program opened {name}", name=name)
-            return PortEvent(t_ns, HOST, PortEventKind.OPENED, detail)
-        detail = TranslatableText("a host program closed {name}", name=name)
-        return PortEvent(t_ns, HOST, PortEventKind.CLOSED, detail)
+    def _event(self, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
+        return PortEvent(self._clock.now_ns(), HOST, kind, detail, count)
 
     def _leaves_ns(self, count: int) -> int:
         """When the last of `count` bytes that are written now leaves the line.
@@ -219,9 +216,10 @@ class HostEnd:
 
     def __init__(self, link: Path | None = None) -> None:
         """Create the device, then a link to it; raises FileError if that cannot be created."""
-        if link is not None:
-            # First, because a new device often reuses the number that a stale link points to.
-            _remove_stale(link)
+        if link is not None and is_pseudo_terminal(str(link)) and not link.exists():
+            # A killed run left it. First, as a new device often reuses the number it points to.
+            with _link_errors(link):
+                link.unlink(missing_ok=True)
         self._descriptor, theirs = os.openpty()
         os.set_blocking(self._descriptor, False)
         tty.setraw(theirs)
@@ -235,10 +233,11 @@ class HostEnd:
         self._poll.register(self._descriptor, select.POLLIN)
         if link is not None:
             try:
-                link.symlink_to(self._device)
-            except (OSError, ValueError) as error:
+                with _link_errors(link):
+                    link.symlink_to(self._device)
+            except FileError:
                 os.close(self._descriptor)
-                raise _link_error(link, error) from error
+                raise
 
     def read(self, timeout_s: float = READ_TIMEOUT_S) -> bytes:
         """Read what the host program has written; `b""` after `timeout_s` at most."""
@@ -291,18 +290,14 @@ class HostEnd:
             os.close(theirs)
 
 
-def _remove_stale(link: Path) -> None:
-    """Remove a link that a killed run left: it points to a pseudo-terminal that is gone."""
-    try:
-        if link.is_symlink() and is_pseudo_terminal(str(link)) and not link.exists():
-            link.unlink()
-    except (OSError, ValueError) as error:
-        raise _link_error(link, error) from error
-
-
-def _link_error(link: Path, error: OSError | ValueError) -> FileError:
+@contextmanager
+def _link_errors(link: Path) -> Iterator[None]:
+    """Raise FileError for what happens to a link."""
     named = printable(str(link))
-    if isinstance(error, FileExistsError):
-        return FileError(f"{named} exists already: remove it, or name another")
-    reason = error.strerror if isinstance(error, OSError) else error
-    return FileError(f"{named} cannot be made: {reason}")
+    try:
+        yield
+    except FileExistsError as error:
+        raise FileError(f"{named} exists already: remove it, or name another") from error
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise FileError(f"{named} cannot be made: {reason}") from error

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +19,6 @@ from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX
 
 _BY_ID = Path("/dev/serial/by-id")
-_SYS_TTY = Path("/sys/class/tty")
-_SERIAL_BASE = "serial-base"  # a bus between a port and its device, with drivers of its own
 _NO_DESCRIPTION = "n/a"  # in pyserial
 _SYS_CHAR = Path("/sys/dev/char")
 _PTY_MAJORS = range(136, 144)  # pseudo-terminals, which are not in /sys
@@ -51,7 +49,6 @@ class PortListing:
     location: str | None
     """USB socket, as `1-1.2`."""
     description: str | None
-    driver: str | None
     permitted: bool
     """True if the present user may open it."""
     holders: tuple[Holder, ...]
@@ -76,23 +73,26 @@ def list_ports() -> list[PortListing]:
 
 def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
     """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
-    folder = by_id.iterdir() if by_id.is_dir() else ()
-    links = {os.path.realpath(link): str(link) for link in sorted(folder, reverse=True)}
     return [
         PortListing(
             device=port.device,
-            by_id=links.get(os.path.realpath(port.device)),
+            by_id=next(links_to(port.device, by_id), None),
             vid=port.vid,
             pid=port.pid,
             serial_number=_shown(port.serial_number),
             location=_shown(port.location),
             description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
-            driver=_driver_of(port.device),
             permitted=not POSIX or os.access(port.device, os.R_OK | os.W_OK),
             holders=tuple(holders_of(port.device)),
         )
         for port in found
     ]
+
+
+def links_to(device: str, folder: Path) -> Iterator[str]:
+    """The links in a folder that lead to a device, sorted."""
+    target = os.path.realpath(device)
+    return (str(link) for link in sorted(folder.glob("*")) if os.path.realpath(link) == target)
 
 
 def is_terminal(name: str) -> bool:
@@ -111,16 +111,6 @@ def is_terminal(name: str) -> bool:
 
 def _shown(text: str | None) -> str | None:
     return None if text is None else printable(text)
-
-
-def _driver_of(device: str) -> str | None:
-    folder = (_SYS_TTY / Path(device).name / "device").resolve()
-    while (driver := folder / "driver").exists():
-        found = driver.resolve()
-        if found.parent.parent.name != _SERIAL_BASE:
-            return found.name
-        folder = folder.parent
-    return None
 
 
 _PROC = Path("/proc")

@@ -15,24 +15,19 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Final
 
 import serial
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.discovery import is_pseudo_terminal
+from fte_sniff.capture.discovery import is_pseudo_terminal, links_to
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
 from fte_sniff.capture.url_handlers import is_network
 from fte_sniff.errors import PortError
 
 LINKS: Final = Path("/dev/serial")
 """Where udev makes links to adapters, by their ids and by their sockets."""
-
-Made: TypeAlias = tuple[tuple[int, int], ...]
-"""Inode and change time of each link of a name."""
-
-_MOST_LINKS: Final = 40
 
 
 class LastingPort:
@@ -41,8 +36,9 @@ class LastingPort:
     def __init__(self, name: str, settings: PortSettings) -> None:
         """Name the port; nothing is opened."""
         self._name, self._settings = name, settings
-        self._made: Made | None = None
-        """How the name was made when it was opened; None before."""
+        self._made: tuple[int, int] | None = None
+        """How the link was made when it was opened."""
+        self._was_open = False
 
     @property
     def comes_back(self) -> bool:
@@ -53,26 +49,20 @@ class LastingPort:
 
     def open(self) -> serial.Serial:
         """Open it, for the first time or again; raises PortError if it is away or refused."""
-        if self._made is not None and not self._is_anew():
+        is_same = self._was_open and made(self._name) == self._made
+        if is_same and is_pseudo_terminal(self._name):
             raise PortError("{port} is away", port=self._name)
         port = open_port(self._name, self._settings)
-        if self._made is None and (device := device_of(port)) is not None:
+        if not self._was_open and (device := device_of(port)) is not None:
             self._name = lasting_name(self._name, device, comports())
-        self._made = made(self._name)
+        self._was_open, self._made = True, made(self._name)
         return port
 
-    def _is_anew(self) -> bool:
-        return made(self._name) != self._made or not is_pseudo_terminal(self._name)
 
-
-def made(name: str) -> Made:
-    """How the links of a name were made; empty for a name that is not a link."""
-    found = list[tuple[int, int]]()
-    while len(found) < _MOST_LINKS and os.path.islink(name):  # noqa: PTH114
-        facts = os.lstat(name)
-        found.append((facts.st_ino, facts.st_ctime_ns))
-        name = os.path.join(os.path.dirname(name), os.readlink(name))  # noqa: PTH115, PTH118, PTH120
-    return tuple(found)
+def made(name: str) -> tuple[int, int] | None:
+    """Inode and change time of a link; None for a name that is not a link."""
+    facts = os.lstat(name) if os.path.islink(name) else None  # noqa: PTH114
+    return facts and (facts.st_ino, facts.st_ctime_ns)
 
 
 def lasting_name(
@@ -82,11 +72,8 @@ def lasting_name(
     if "://" not in name and Path(name).is_symlink():
         return name
     folders = ("by-id", "by-path") if _has_own_serial_number(device, plugged_in) else ("by-path",)
-    for folder in folders:
-        for link in sorted((links / folder).glob("*")):
-            if link.resolve() == Path(device).resolve():
-                return str(link)
-    return device
+    found = (link for folder in folders for link in links_to(device, links / folder))
+    return next(found, device)
 
 
 def _has_own_serial_number(device: str, plugged_in: Sequence[ListPortInfo]) -> bool:

@@ -6,14 +6,10 @@ import errno
 import re
 import stat
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
-
-import serial
 
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text
-from fte_sniff.capture.url_handlers import is_network, scheme_of
+from fte_sniff.capture.url_handlers import SCHEMES, is_network, scheme_of
 from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
 
@@ -51,31 +47,18 @@ def check_name(name: str) -> None:
     """Raise PortError if a name cannot be a port's; opens nothing."""
     if not name.strip():
         raise PortError("a port has an empty name; {there}", there=_existing_ports())
-    if "://" in name:
-        _check_url(name, scheme_of(name))
-
-
-def _check_url(url: str, scheme: str) -> None:
-    known = known_schemes()
-    if scheme not in known:
-        schemes = listed(f"{scheme}://" for scheme in known)
+    if (scheme := scheme_of(name)) and scheme not in SCHEMES:
+        schemes = listed(f"{known}://" for known in SCHEMES)
         raise PortError(
-            "{port}: no such kind of port; known are {listed}", port=printable(url), listed=schemes
+            "{port}: no such kind of port; known are {listed}", port=printable(name), listed=schemes
         )
-    if is_network(url) and not re.search(r"://[^/:]+:\d", url):
+    if is_network(name) and not re.search(r"://[^/:]+:\d", name):
         example = f"{scheme}://192.168.0.7:4001"
         raise PortError(
             "{port} names no host and TCP port: write it like {example}",
-            port=printable(url),
+            port=printable(name),
             example=example,
         )
-
-
-def known_schemes() -> list[str]:
-    """The URL schemes that can be opened here, sorted: `loop`, `sim`, `socket`..."""
-    packages = map(import_module, serial.protocol_handler_packages)
-    names = (module.name for package in packages for module in iter_modules(package.__path__))
-    return sorted({name.partition("_")[2] for name in names if name.startswith("protocol_")})
 
 
 def port_error(name: str, device: str | None, error: BaseException) -> PortError:

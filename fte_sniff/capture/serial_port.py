@@ -17,10 +17,8 @@ import re
 import select
 import socket
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -182,17 +180,7 @@ def reader_of(port: serial.Serial) -> Read:
     read: Any = type(port).read
     if POSIX and read in (serial.Serial.read, protocol_socket.Serial.read):
         return _descriptor_reader(port.fileno())
-    return partial(_read_port, port)
-
-
-def _read_port(port: serial.Serial) -> bytes:
-    """Read all that has arrived, with pyserial."""
-    data = port.read(port.in_waiting or 1)
-    if data:
-        # The rest of what came with the first byte; an error is raised again by the next read.
-        with suppress(OSError):
-            data += port.read(port.in_waiting)
-    return data
+    return lambda: port.read(port.in_waiting or 1)
 
 
 def _descriptor_reader(descriptor: int) -> Read:

@@ -53,7 +53,6 @@ _CELLS: Mapping[str, Callable[[PortListing], str]] = {
     "USB": lambda port: port.usb_ids or "",
     "at": lambda port: port.location or "",
     "serial": lambda port: port.serial_number or "",
-    "driver": lambda port: port.driver or "",
     "description": lambda port: port.description or "",
     "by id": lambda port: port.by_id or "",
 }

@@ -110,13 +110,6 @@ def test_host_program_may_come_and_go_and_finds_nothing_old(bridged, pty) -> Non
     assert bridged.data(HOST) == b"!!!"
 
 
-def test_what_a_host_program_writes_before_it_leaves_is_forwarded(bridged, pty) -> None:
-    descriptor = os.open(bridged.source.device, os.O_WRONLY | os.O_NOCTTY)
-    os.write(descriptor, b"last words")
-    os.close(descriptor)
-    assert from_far(pty, 10) == b"last words"
-
-
 def test_terminal_that_echoed_is_raw_again_for_the_next(bridged) -> None:
     with host_of(bridged) as host:
         attributes = termios.tcgetattr(host.fileno())
@@ -176,36 +169,12 @@ def test_port_that_accepts_nothing_holds_up_only_the_host_program(bridged, pty) 
     assert bridged.data(HOST).startswith(line)
 
 
-def test_lost_port_is_reported_and_hangs_up_the_host_program(bridged, pty, tmp_path) -> None:
-    with host_of(bridged) as host:
-        bridged.wait_for("opened", wire=HOST)
-        pty.send(b"last words")
-        assert host.read(10) == b"last words"
-        pty.unplug()
-        with pytest.raises(serial.SerialException):
-            host.read(1)
-    bridged.ended()
-    assert bridged.kinds(pty.device) == ["opened", "lost"]
-    assert bridged.events(HOST)[-1].detail == "the bridge hangs up"
-    assert bridged.source.end is SourceEnd.LOST
-    assert not (tmp_path / "link").is_symlink()
-
-
 def test_port_is_the_bridges_alone_while_it_runs(bridged, pty) -> None:
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (1,)
     with pytest.raises(PortError, match="busy"):
         Bridge(pty.device).open(CLOCK)
     bridged.end()
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
-
-
-def test_link_in_the_way_leaves_the_port_free(pty, tmp_path) -> None:
-    link = tmp_path / "link"
-    link.write_text("mine")
-    with pytest.raises(FileError, match="exists already"):
-        Bridge(pty.device, link=link).open(CLOCK)
-    Bridge(pty.device, link=tmp_path / "other").open(CLOCK).close()
-    assert link.read_text() == "mine"
 
 
 def test_what_is_written_at_stop_is_still_forwarded(bridged, pty) -> None:

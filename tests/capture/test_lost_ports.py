@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.lasting_name import lasting_name, made
-from fte_sniff.capture.serial_port import open_port
+from fte_sniff.capture.lasting_name import lasting_name
 from fte_sniff.capture.source import SourceEnd
-from tests.beside import held, server_socket
+from tests.beside import held
 from tests.capture.seen import Adapter, Seen, opened
 
 
@@ -39,15 +36,6 @@ def test_adapter_is_found_ten_times_under_another_name(new_pty, adapter) -> None
     assert seen.times(adapter.name) == sorted(seen.times(adapter.name))
     assert seen.kinds() == ["opened", *["lost", "found_again"] * 10, "closed"]
     assert seen.source.end is SourceEnd.STOPPED
-
-
-def test_stop_ends_the_wait_for_a_lost_port(new_pty, adapter) -> None:
-    pty = new_pty()
-    adapter.plug(pty)
-    with Seen(opened(adapter.name, reconnect=True)) as seen:
-        adapter.pull(pty)
-        seen.wait_for("lost")
-    assert seen.kinds() == ["opened", "lost", "closed"]
 
 
 def test_number_of_a_pseudo_terminal_is_not_evidence(new_pty, adapter) -> None:
@@ -99,21 +87,6 @@ def test_shared_port_comes_back_beside_the_other_program(new_pty, adapter) -> No
         adapter.plug(again)
         seen.wait_for("found_again")
         seen.wait_for("shared")
-
-
-def test_server_that_comes_back_is_found_again() -> None:
-    with server_socket() as server:
-        host, number = server.getsockname()
-        with Seen(opened(f"socket://{host}:{number}", reconnect=True)) as seen:
-            connection, _ = server.accept()
-            connection.sendall(b"one")
-            connection.close()
-            assert "hung up" in seen.wait_for("lost").detail
-            connection, _ = server.accept()
-            assert " as " not in seen.wait_for("found_again").detail
-            connection.sendall(b"two")
-            seen.wait(lambda s: s.data() == b"onetwo")
-            connection.close()
 
 
 @pytest.mark.parametrize("name", ["pty", "sim://?rate=1000&frames=5"])
@@ -190,23 +163,3 @@ def test_link_that_the_user_names_is_kept(pty, tmp_path) -> None:
     mine = tmp_path / "mine"
     mine.symlink_to(pty.device)
     assert lasting_name(str(mine), pty.device, [usb(pty.device)], tmp_path) == str(mine)
-
-
-def test_each_link_of_a_name_counts(pty, tmp_path) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    second.symlink_to(pty.device)
-    first.symlink_to("second")
-    before = made(str(first))
-    assert len(before) == 2
-    os.unlink(second)  # noqa: PTH108
-    second.symlink_to(pty.device)
-    assert made(str(first)) != before
-    assert made(pty.device) == ()
-    first.unlink()
-    first.symlink_to("first")
-    assert len(made(str(first))) == 40
-
-
-def test_closed_port_can_be_opened_again(pty) -> None:
-    for _ in range(3):
-        open_port(pty.device).close()

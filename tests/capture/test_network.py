@@ -8,16 +8,12 @@ import pytest
 import serial
 
 from fte_sniff.capture.bridge import Bridge
-from fte_sniff.capture.serial_port import ControlLine, PortSettings, open_port
+from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from tests.beside import Work, server_socket
 from tests.capture.seen import CLOCK, Seen, opened
 from tests.rfc2217_server import (
-    DTR_OFF,
-    DTR_ON,
-    RTS_OFF,
-    RTS_ON,
     SET_BAUDRATE,
     SET_CONTROL,
     SET_DATASIZE,
@@ -49,28 +45,6 @@ def test_every_byte_of_the_far_line_arrives(server, pty):
 def test_the_servers_port_has_the_baud_that_was_asked_for(server, pty, baud):
     open_port(server.url, PortSettings(baud)).close()
     assert speed_of(pty.near) == baud
-
-
-@pytest.mark.parametrize("dtr", [ControlLine.ON, ControlLine.OFF])
-@pytest.mark.parametrize("rts", [ControlLine.ON, ControlLine.OFF])
-def test_dtr_and_rts_are_as_asked_for_and_never_anything_else(server, dtr, rts):
-    opened(server.url, dtr=dtr, rts=rts).close()
-    asked = {DTR_ON if dtr is ControlLine.ON else DTR_OFF, RTS_ON if rts == "on" else RTS_OFF}
-    assert {c for c in server.controls if c in (DTR_ON, DTR_OFF, RTS_ON, RTS_OFF)} == asked
-    assert server.data == b""
-
-
-def test_a_server_that_dies_is_a_lost_port_after_all_that_came(server, pty):
-    sent = random.Random(2).randbytes(5000)
-    seen = Seen(opened(server.url))
-    pty.send(sent)
-    seen.wait(lambda s: s.data())
-    server.hang_up()
-    seen.ended()
-    assert sent.startswith(seen.data())
-    assert seen.kinds() == ["opened", "lost"]
-    assert "hung up" in seen.events()[-1].detail
-    assert seen.source.end is SourceEnd.LOST
 
 
 def test_a_server_that_does_not_speak_rfc2217_is_refused():

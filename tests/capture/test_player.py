@@ -57,13 +57,6 @@ def test_what_a_program_does_not_read_in_time_is_counted(host: HostEnd) -> None:
     assert len(read) == written
 
 
-def test_stop_ends_the_wait_for_a_program(host: HostEnd) -> None:
-    stopped = threading.Event()
-    playing = Work(play, host, [(0.0, b"x")], stopped.is_set)
-    stopped.set()
-    playing.ended()
-
-
 def test_what_the_program_writes_does_not_hold_it_up(host: HostEnd) -> None:
     results, stopped = list[tuple[int, int]](), threading.Event()
     timed = [(number / 100, b"x") for number in range(30)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import signal
 import socket
@@ -31,37 +30,6 @@ def test_all_that_comes_is_yielded_in_order_and_nothing_is_written(pty) -> None:
     assert {item.port for item in seen.items} == {pty.device}
     assert seen.source.end is SourceEnd.STOPPED
     assert pty.arrived() == b""
-
-
-def test_items_have_the_time_of_the_clock_which_never_falls(pty) -> None:
-    before_ns = CLOCK.now_ns()
-    with Seen(opened(pty.device)) as seen:
-        pty.send(b"x" * 100)
-        seen.wait(lambda s: len(s.data()) == 100)
-    times = seen.times(pty.device)
-    assert times == sorted(times)
-    assert before_ns <= times[0] <= times[-1] <= CLOCK.now_ns()
-
-
-@pytest.mark.parametrize("name", ["pty", "sim://?host=off&rate=1", "loop://"])
-def test_silence_is_reported_about_every_ten_milliseconds(pty, name: str) -> None:
-    with Seen(opened(pty.device if name == "pty" else name)) as seen:
-        seen.wait(lambda s: len(s.items) > 30)
-    beats = [item.t_ns or 0 for item in seen.items if isinstance(item, Chunk)]
-    # A busy machine makes any beat late, but none early, except the last.
-    gaps_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(beats[:-1])]
-    assert sorted(gaps_ms)[2] > 5
-
-
-def test_unplugged_port_is_lost_after_all_that_was_read(pty) -> None:
-    seen = Seen(opened(pty.device))
-    pty.send(b"last words")
-    # Not before they were read: what the system has not delivered, it drops with the line.
-    seen.wait(lambda s: s.data() == b"last words")
-    pty.unplug()
-    seen.ended()
-    assert seen.kinds() == ["opened", "lost"]
-    assert seen.source.end is SourceEnd.LOST
 
 
 def test_server_that_sends_and_hangs_up_loses_nothing() -> None:
@@ -101,22 +69,6 @@ def test_simulated_port_is_read_to_its_end_and_no_frame_is_cut() -> None:
     assert {len(chunk.data) % 10 for chunk in whole.chunks()} == {0}
 
 
-def test_stop_from_a_signal_handler_yields_what_has_arrived(pty) -> None:
-    source = opened(pty.device)
-    pty.send(b"just in time")
-    before = signal.signal(signal.SIGUSR1, lambda *_: source.stop())
-    try:
-        items = []
-        for item in source:
-            items.append(item)
-            if len(items) == 3:
-                os.kill(os.getpid(), signal.SIGUSR1)
-    finally:
-        signal.signal(signal.SIGUSR1, before)
-    assert b"".join(i.data for i in items if isinstance(i, Chunk)) == b"just in time"
-    assert source.end is SourceEnd.STOPPED
-
-
 def test_consumer_that_breaks_off_leaves_all_ports_free(new_pty) -> None:
     ptys = [new_pty(), new_pty()]
     items = iter(opened(*(pty.device for pty in ptys)))
@@ -150,12 +102,6 @@ def test_all_of_two_ports_comes_and_that_of_each_in_order_of_time(new_pty) -> No
         assert seen.times(pty.device) == sorted(seen.times(pty.device))
         assert seen.kinds(pty.device) == ["opened", "closed"]
     assert set(seen.source.uncertainty_ns) == {one.device, two.device}
-
-
-def test_if_one_cannot_be_opened_none_stays_open(pty) -> None:
-    with pytest.raises(PortError, match="no such port"):
-        opened(pty.device, "/dev/ttyNOPE")
-    open_port(pty.device).close()
 
 
 def test_port_can_be_named_once_only_however_it_is_spelled(pty, tmp_path) -> None:

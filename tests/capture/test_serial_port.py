@@ -50,17 +50,6 @@ def test_a_terminal_is_opened_raw_8n1_at_the_baud_asked_for(pty):
         assert device_of(port) == pty.device
 
 
-@pytest.mark.parametrize("baud", [123_456, 3_000_000, 115_200])
-def test_every_byte_comes_through_unchanged_and_none_goes_out(pty, baud, until):
-    every_byte = bytes(range(256)) * 4
-    with open_port(pty.device, PortSettings(baud)) as port:
-        pty.send(every_byte)
-        until(lambda: port.in_waiting == len(every_byte))
-        assert port.read(len(every_byte)) == every_byte
-        assert pty.arrived() == b""
-    assert pty.arrived() == b""
-
-
 @pytest.mark.parametrize(
     ("name", "reported"),
     [

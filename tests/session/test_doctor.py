@@ -32,7 +32,7 @@ def test_a_probe_names_the_baud_with_most_bytes_in_frames() -> None:
     assert "no common baud gives frames" in probe_finding("/dev/p", {}).what
 
 
-FREE = PortListing("/dev/x", None, None, None, None, None, "n/a", None, True, ())
+FREE = PortListing("/dev/x", None, None, None, None, None, "n/a", True, ())
 
 
 def test_a_port_is_free_busy_or_forbidden():

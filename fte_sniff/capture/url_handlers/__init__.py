@@ -10,10 +10,6 @@ A module has a class `Serial` with pyserial's interface. Of this the program use
     read         Waits at most for `timeout`. Raises OSError when the port is lost, after all bytes
                  that came before.
     write        In a bridge: raises OSError when the port is lost.
-    baudrate     Is set while the port is open by a bridge and `doctor`, which calls
-                 `_reconfigure_port`; a ValueError refuses it.
-    dtr, rts     Are set while the port is open by a bridge, which calls `_update_dtr_state` and
-                 `_update_rts_state`; an OSError refuses them.
 
 A class that inherits `read` or `write` of pyserial's ports of devices or sockets is read or written
 through their descriptor, which is faster; its own `read` and `write` are always used.
@@ -30,6 +26,9 @@ Modules:
 from __future__ import annotations
 
 from typing import Final
+
+SCHEMES: Final = ("alt", "cp2110", "hwgrep", "loop", "rfc2217", "sim", "socket", "spy")
+"""Schemes that can be opened: pyserial's, and `sim`."""
 
 NETWORK: Final = frozenset({"rfc2217", "socket"})
 """Schemes of servers: the URL names a host and a TCP port, and a lost one is connected again."""
