@@ -220,7 +220,7 @@ def compared(before: Counts, after: Counts) -> Comparison:
         *(one for pair in ports for one in _of_streams(sides, pair, missing)),
         *_of_answers(sides, missing),
         *(one for pair in ports for one in _of_damage(sides, pair)),
-        *_of_flags(sides),
+        *_of_motors(sides, missing),
         *_of_values(sides),
         *_of_findings(sides, missing),
     ]
@@ -350,26 +350,13 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
     few = list[str]()
-    for motor in MOTORS:
-        what = TranslatableText("to motor {motor}", motor=motor)
-        windows = [side.events.windows for side in sides]
-        asked = [one.total(f"asked {motor}") > 0 for one in windows]
-        if all(asked):
-            pairs = [_by_block(one, f"missed {motor}", f"asked {motor}") for one in windows]
-            yield _share("unanswered", pairs, what, ("", motor, None))
-        elif any(asked):
-            name = sides[asked[0]].name
-            form = "answers of motor {motor}: {side} does not have them"
-            missing.append(TranslatableText(form, motor=motor, side=name))
-        for code, kind in enumerate(KINDS):
-            delays = [
-                _Histogram.of(side.counts["delays"], motor=motor, kind=code) for side in sides
-            ]
+    for motor, (code, kind) in product(MOTORS, enumerate(KINDS)):
+        delays = [_Histogram.of(one.counts["delays"], motor=motor, kind=code) for one in sides]
+        if all(one.is_enough for one in delays):
             of = ("", motor, kind.name)
-            if all(asked) and all(one.is_enough for one in delays):
-                yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
-            elif all(asked) and all(one.counts.any() for one in delays):
-                few.append(_whose(code, motor))
+            yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
+        elif all(one.counts.any() for one in delays):
+            few.append(_whose(code, motor))
     _too_few(_FEW_ANSWERS, few, missing)
 
 
@@ -381,16 +368,26 @@ def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:
             yield _share("damage", pairs, fault, (ports[0], None, fault))
 
 
-def _of_flags(sides: _Sides) -> Iterator[Number]:
-    for motor in MOTORS:
-        what = TranslatableText("of motor {motor}", motor=motor)
-        for measure, name, rows in (
-            ("error_flag", f"flagged {motor}", f"feedback {motor}"),
-            ("offline", f"lacking {motor}", "feedback"),
-        ):
-            pairs = [_by_block(side.events.windows, name, rows) for side in sides]
-            if all(of.any() for _, of in pairs) and any(own.any() for own, _ in pairs):
-                yield _share(measure, pairs, what, ("", motor, None))
+_SHARES_OF_MOTOR: Final = (
+    ("unanswered", "missed", "asked {}", later("to motor {motor}")),
+    ("error_flag", "flagged", "feedback {}", later("of motor {motor}")),
+    ("offline", "lacking", "feedback", later("of motor {motor}")),
+)
+"""Measures, and the columns of their events and rows."""
+
+
+def _of_motors(sides: _Sides, missing: _Missing) -> Iterator[Number]:
+    for motor, (measure, own, rows, form) in product(MOTORS, _SHARES_OF_MOTOR):
+        names = (f"{own} {motor}", rows.format(motor))
+        pairs = [_by_block(side.events.windows, *names) for side in sides]
+        present = [bool(of.any()) for _, of in pairs]
+        if all(present):
+            what = TranslatableText(form, motor=motor)
+            yield _share(measure, pairs, what, ("", motor, None))
+        elif any(present) and measure == "unanswered":
+            text = "answers of motor {motor}: {side} does not have them"
+            name = sides[present[0]].name
+            missing.append(TranslatableText(text, motor=motor, side=name))
 
 
 _Pair = tuple[Ints, Ints]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.filter.terms import CellFilter, both, cell_filters
+from fte_sniff.analysis.filter.terms import both, cell_filters
 from fte_sniff.errors import InputTextError, listed
 from fte_sniff.i18n import _, later
 from fte_sniff.tui.cells import ORDER
@@ -99,22 +99,22 @@ class Filters:
 
     def only(self) -> None:
         """Ask for the column in which rows are like this one."""
-        self._ask_cell(later("only rows with"), lambda cell: cell.only)
+        self._ask_cell(later("only rows with"), hides=False)
 
     def without(self) -> None:
         """Ask for the column in which rows are not like this one."""
-        self._ask_cell(later("hide rows with"), lambda cell: cell.without)
+        self._ask_cell(later("hide rows with"), hides=True)
 
-    def _ask_cell(self, label: str, condition: Callable[[CellFilter], str]) -> None:
+    def _ask_cell(self, label: str, *, hides: bool) -> None:
         row = self._table.cursor_row
         if row is None:
             return
-        by_text = {cell.only: condition(cell) for cell in cell_filters(row)}
+        others = cell_filters(row)
 
         def accept(line: str) -> None:
-            self.add(by_text.get(line, line))
+            self.add(others.get(line, line) if hides else line)
 
-        question = Question(label, "motor = 1", parse_filter, accept, choices=[*by_text])
+        question = Question(label, "motor = 1", parse_filter, accept, choices=[*others])
         self._parts.line.ask(question)
 
     def _suggest(self, line: str) -> list[str]:

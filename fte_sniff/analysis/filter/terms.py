@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from textwrap import wrap
-from typing import Final, NamedTuple
+from typing import Final
 
 from fte_sniff.analysis.filter.row_filter import FUNCTIONS
 from fte_sniff.protocol import COLUMNS, Value, iso_time, record
@@ -57,23 +57,16 @@ FILTER_HELP: Final = "\n".join(_help())
 _LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
 
 
-class CellFilter(NamedTuple):
-    """The filters of one cell."""
+def cell_filters(row: Row) -> dict[str, str]:
+    """By the filter that keeps the rows with the value of a cell, the one that keeps all others.
 
-    column: str
-    only: str
-    """Keeps the rows with the same value."""
-    without: str
-    """Keeps all other rows, also those without a value."""
-
-
-def cell_filters(row: Row) -> list[CellFilter]:
-    """The filters of all cells of a row, in the order of the screen's columns."""
-    return [
-        CellFilter(name, f"{name} {only}", f"{name} {without}")
+    They are of all cells of the row, in the order of the screen's columns.
+    """
+    return {
+        f"{name} {only}": f"{name} {without}"
         for name, value in record(row).items()
         for only, without in _of_cell(name, value)
-    ]
+    }
 
 
 def _of_cell(name: str, value: Value) -> Iterator[tuple[str, str]]:
