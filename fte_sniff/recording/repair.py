@@ -32,11 +32,10 @@ class Repair:
         Raises FileError if the file cannot be read, or nothing in it is intact.
         """
         self._path, self._recording = path, Recording(path)
-        recording, self.kept = self._recording, 0
+        recording = self._recording
+        kept = (one for one in recording.items() if isinstance(one, Rows | PortEvent))
+        self.kept = sum(len(one) if isinstance(one, Rows) else 1 for one in kept)
         """Rows and port events that could be read."""
-        for item in recording.items():
-            if isinstance(item, Rows | PortEvent):
-                self.kept += len(item) if isinstance(item, Rows) else 1
         with path.open("rb") as file:
             self.lost = sorted({*recording.contents.lost, *walk(file).lost})
             """The bytes that could not be read."""
