@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
 from pathlib import Path
+from shlex import quote
 from tempfile import mkdtemp
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -177,16 +178,11 @@ _UNRECORDED = RecordingOptions(keep_bytes=256_000_000, min_free_bytes=0)
 
 def _check_output(output: Path) -> None:
     """Raise UsageError for standard output, and for the name of another format."""
-    if str(output) == "-":
+    form = FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP)
+    if str(output) == "-" or form is not OutputFormat.MCAP:
         raise UsageError(
-            f"-o {output}: a capture is recorded to a file; for rows on a pipe use --format jsonl,"
+            f"-o {output}: a capture is recorded to an MCAP file; for other formats use --format,"
             " or `fte-sniff decode --follow FILE` beside it"
-        )
-    if FORMAT_BY_SUFFIX.get(output.suffix.lower(), OutputFormat.MCAP) is not OutputFormat.MCAP:
-        mcap = output.with_suffix(".mcap")
-        raise UsageError(
-            f"-o {output}: a capture is recorded as MCAP; name it {mcap},"
-            f" and convert it with `fte-sniff decode {mcap} -o {output}`"
         )
 
 
@@ -336,6 +332,8 @@ class CaptureReport(Observer):
         self._events: Counter[PortEventKind] = Counter()
         self._failure = ""
         self._recording: str | None = None
+        self._is_wrong = False
+        """Whether a row is damaged, or has an error flag."""
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
@@ -352,7 +350,9 @@ class CaptureReport(Observer):
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Count the rows; print the events, an error of the capture once, and each next file."""
-        self._tally.observe(update.rows)
+        rows = update.rows
+        self._tally.observe(rows)
+        self._is_wrong |= bool(rows.faults.any() or rows.field("error")[0].any())
         if self._intro is None:
             return
         for event in update.events:
@@ -373,6 +373,8 @@ class CaptureReport(Observer):
             print_err(f"port events: {kinds}")
         print_err(summary(self._tally, zone=self._zone))
         if state.kept_from and state.recording and not self._plan.is_temporary:
+            if self._is_wrong and len(state.recordings) == 1:
+                print_err(f"what is wrong, and when: fte-sniff findings {quote(state.recording)}")
             _print_recording(state, state.kept_from, state.recording)
 
     def _print_event(self, event: PortEvent) -> None:
@@ -409,6 +411,8 @@ class PlainLines(Observer):
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
         """Print the rows; raises OSError if standard output cannot be written."""
+        if session.hurried:
+            return
         rows = update.rows
         if self._wanted is not None:
             rows = self._wanted.select(rows, update.changes)

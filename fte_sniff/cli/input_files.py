@@ -19,6 +19,7 @@ from dataclasses import dataclass, fields
 from datetime import UTC, date, tzinfo
 from functools import cache, partial, wraps
 from io import BufferedReader, FileIO
+from itertools import chain
 from pathlib import Path
 from select import select
 from typing import TYPE_CHECKING, Any, Final
@@ -192,12 +193,9 @@ def time_range(
         return None
     from fte_sniff.recording.reader import TimeRange
 
-    bounds, whole = cache(lambda: _bounds(times)), TimeRange()
-    first, end = whole.first_ns, whole.end_ns
-    if since is not None:
-        first = max(first, _time(since, "--from", bounds, zone or UTC))
-    if until is not None:
-        end = min(end, _time(until, "--to", bounds, zone or UTC))
+    bounds, whole, zone = cache(lambda: _bounds(times)), TimeRange(), zone or UTC
+    first = max(whole.first_ns, 0 if since is None else _time(since, "--from", bounds, zone))
+    end = min(whole.end_ns, whole.end_ns if until is None else _time(until, "--to", bounds, zone))
     if first >= end:
         raise UsageError(
             f"no row is between --from {shortened(since or '1970')} and --to"
@@ -454,7 +452,10 @@ class InputQuery:
 
         Raises FileError if a folder or a pattern has none.
         """
-        return [path for named in self.files for path in _expanded(named)]
+        from fte_sniff.session.files import files_of
+
+        found = ([one] if one == STDIN else files_of(one) for one in self.files)
+        return list(chain.from_iterable(found))
 
     def read(
         self,
@@ -539,18 +540,6 @@ def _in_quotes(text: str) -> str:
     """A filter as a word of a shell: in double quotes if it has single ones."""
     is_plain = "'" in text and not any(one in text for one in '"$`\\!')
     return f'"{text}"' if is_plain else shlex.quote(text)
-
-
-def _expanded(named: Path) -> list[Path]:
-    """The file, a folder's recordings, or a pattern's matches."""
-    try:
-        if named == STDIN or named.is_file():
-            return [named]
-        from fte_sniff.session.files import files_of
-
-        return list(files_of(named))
-    except OSError as error:
-        raise unreadable(named, error) from error
 
 
 def _opened(path: Path, query: InputQuery) -> Input:

@@ -17,8 +17,8 @@ import sys
 import threading
 import time
 from base64 import b64decode
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import rmtree
 
@@ -41,44 +41,12 @@ SLOW_S = 1.0
 
 _REPORT_EVERY_S = 0.25
 
-# Swapped or mixed wiring: which direction each port carries
-
 SETTLED = 10
 """Valid frames of one direction after which a wire is known to carry it."""
 
 UNEXPECTED = 3
 """Valid frames of a direction that another wire carries, after which it is reported; one can be
 chance."""
-
-
-_DIRECTIONS = tuple(Direction)
-
-
-class WiringWatch:
-    """Reports once per wire that it carries the direction of another one."""
-
-    def __init__(self, ports: Sequence[str]) -> None:
-        self._counts = {port: np.zeros(len(_DIRECTIONS), np.int64) for port in ports}
-        self._watched = set(ports) if len(ports) > 1 else set[str]()
-
-    def observe(self, port: str, rows: Rows) -> PortEvent | None:
-        """Add rows of one port; returns what they show."""
-        if port not in self._watched:
-            return None
-        codes = rows.directions[rows.framed & (rows.faults == 0)]
-        self._counts[port] += np.bincount(codes, minlength=len(_DIRECTIONS))
-        for other, counts in self._counts.items():
-            both = (counts >= SETTLED) & (self._counts[port] >= UNEXPECTED)
-            if other != port and both.any():
-                self._watched -= {port, other}
-                detail = TranslatableText(
-                    "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
-                    "adapters on one wire; connect each adapter's RX to its own wire",
-                    direction=_DIRECTIONS[int(both.argmax())],
-                    other=other,
-                )
-                return PortEvent(int(rows.t_ns[-1]), port, PortEventKind.WIRING, detail)
-        return None
 
 
 # The loop
@@ -107,6 +75,8 @@ class Wire:
     def __init__(self, name: str, baud: int, silence_s: float, uncertainty_ns: int) -> None:
         self.framer, self.lane = Framer(name, baud), Lane()
         self.silence = SilenceWatch(name, silence_s)
+        self.frames = np.zeros(len(Direction), np.int64)
+        """Valid ones so far, by direction."""
         self._uncertainty_ns = uncertainty_ns
         self._read_ns = self._now_ns = 0
 
@@ -129,6 +99,8 @@ class Wire:
             self.lane.put(rows)
             if rows.framed.any():
                 self.silence.frame_came()
+            codes = rows.directions[rows.framed & (rows.faults == 0)]
+            self.frames += np.bincount(codes, minlength=len(Direction))
         next_ns = self.framer.pending_since_ns
         if next_ns is None:
             next_ns = max(self._read_ns, self._now_ns - REACH_NS)
@@ -157,10 +129,9 @@ class CaptureLoop:
         }
         self._merge = Merge()
         self._merge.lanes += [wire.lane for wire in self._wires.values()]
-        self._wiring = WiringWatch(names)
         self._remaining = plan.count
         self._rows = self._turns = 0
-        self._started = self._is_ending = False
+        self._is_ending = self._is_mixed = False
         self._now_ns = self._drain_ns = self._undrained = 0
         self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
@@ -185,7 +156,8 @@ class CaptureLoop:
             wire.framer.end()
             self._drain(port)
         self._emit(final=True)
-        self._record(Recorder.close)
+        with self._writing():
+            self._recorder.close()
         self._error, lost = self._recorder.failure, self._lost
         if lost is not None and self._source.end is SourceEnd.LOST and self._remaining != 0:
             reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
@@ -220,8 +192,9 @@ class CaptureLoop:
     def _process_chunk(self, chunk: Chunk) -> None:
         now_ns = chunk.t_ns or 0
         self._wires[chunk.port].push(chunk)
+        if self._plan.duration_s is not None and not self._now_ns:
+            self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
         self._now_ns = max(self._now_ns, now_ns)
-        self._start_duration(now_ns)
         self._undrained += len(chunk.data)
         if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
             self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS, 0
@@ -231,14 +204,30 @@ class CaptureLoop:
             wire = self._wires[chunk.port]
             wire.put(wire.silence.check(now_ns))
             wire.put(self._clock_step(chunk.port, now_ns))
-            at_once = self.shows_rows
-            self._record(lambda recorder: recorder.flush_if_due(now_ns, at_once=at_once))
+            with self._writing():
+                self._recorder.flush_if_due(now_ns, at_once=self.shows_rows)
 
     def _drain(self, port: str) -> None:
         wire = self._wires[port]
         rows = wire.drain()
         if len(rows):
-            wire.put(self._wiring.observe(port, rows))
+            wire.put(self._mixed(port, int(rows.t_ns[-1])))
+
+    def _mixed(self, port: str, t_ns: int) -> PortEvent | None:
+        """The report, once, that a wire carries the direction of another one."""
+        own = self._wires[port]
+        for name, other in self._wires.items():
+            both = (other.frames >= SETTLED) & (own.frames >= UNEXPECTED)
+            if other is not own and both.any() and not self._is_mixed:
+                self._is_mixed = True
+                detail = TranslatableText(
+                    "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
+                    "adapters on one wire; connect each adapter's RX to its own wire",
+                    direction=tuple(Direction)[int(both.argmax())],
+                    other=name,
+                )
+                return PortEvent(t_ns, port, PortEventKind.WIRING, detail)
+        return None
 
     def _clock_step(self, port: str, now_ns: int) -> PortEvent | None:
         step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
@@ -250,11 +239,6 @@ class CaptureLoop:
             seconds=step_ns / 1e9,
         )
         return PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)
-
-    def _start_duration(self, now_ns: int) -> None:
-        if self._plan.duration_s is not None and not self._started:
-            self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
-        self._started = True
 
     def _process_event(self, event: PortEvent) -> None:
         wire = self._wires[event.port]
@@ -278,7 +262,8 @@ class CaptureLoop:
         for item in self._merge.take(least=self._now_ns - MOST_HELD_NS, final=final):
             entry = self._limited(item) if isinstance(item, Rows) else item
             assert isinstance(entry, Rows | PortEvent)
-            self._record(lambda recorder, entry=entry: recorder.write(entry))  # type: ignore[misc]
+            with self._writing():
+                self._recorder.write(entry)
 
     def _limited(self, rows: Rows) -> Rows:
         if self._remaining is not None:
@@ -290,12 +275,11 @@ class CaptureLoop:
         unordered = uncertain(rows, self._source.uncertainty_ns)
         return rows.replace(unordered=unordered) if unordered.any() else rows
 
-    def _record(self, do: Callable[[Recorder], None]) -> None:
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
         self._writing_since_s = time.monotonic()
-        try:
-            do(self._recorder)
-        finally:
-            self._writing_since_s = None
+        yield
+        self._writing_since_s = None
 
 
 _SWITCH_EVERY_S = 0.0005

@@ -109,16 +109,9 @@ class CaptureState:
     @property
     def backlog(self) -> TranslatableText | None:
         """What the end waits for; None if nothing."""
-        if self.is_slow and self.is_ending:
-            return TranslatableText(
-                "writing is slow, as the disk or the processor is busy: {what} are not written yet",
-                what=self.remaining,
-            )
-        if self.is_ending and self.waiting >= REPORTED_LEFTOVER:
-            return TranslatableText(
-                "writing received data: {bytes:,} bytes left", bytes=self.waiting
-            )
-        return None
+        if not self.is_ending or not (self.is_slow or self.waiting >= REPORTED_LEFTOVER):
+            return None
+        return TranslatableText("still writing: {what} are not written yet", what=self.remaining)
 
     def line(self) -> bytes:
         """One line of JSON, for `parse`."""

@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, unreadable
 
 Paths: TypeAlias = str | PathLike[str] | Sequence[str | PathLike[str]]
 """A path, or several of them."""
@@ -25,8 +25,16 @@ def recordings_in(paths: Paths) -> list[Path]:
 def files_of(path: Path) -> Iterator[Path]:
     """The file itself, the recordings in a folder, or the matches of a pattern, sorted by name.
 
-    Raises FileError if the folder holds no recording, or nothing matches the pattern.
+    Raises FileError if the folder holds no recording, nothing matches the pattern, or the names
+    cannot be read.
     """
+    try:
+        yield from _found(path)
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def _found(path: Path) -> Iterator[Path]:
     if path.is_dir():
         found = sorted(entry for entry in path.glob(f"*{_SUFFIX}") if entry.is_file())
         if not found:

@@ -381,11 +381,11 @@ def are_both_wires(inputs: Sequence[Input]) -> bool:
     """
     if len(inputs) != 2 or any(one.path is None or len(one.ports) != 1 for one in inputs):
         return False
-    (first, second), spans = inputs, [one.times() for one in inputs]
-    if first.ports[0].name == second.ports[0].name or None in spans:
+    first, second = inputs
+    spans = [span for one in inputs if (span := one.times()) is not None]
+    if first.ports[0].name == second.ports[0].name or len(spans) < len(inputs):
         return False
-    (start, stop), (later, end) = spans  # type: ignore[misc]
-    if stop is None or end is None or later > stop or start > end:
+    if max(start for start, _ in spans) > min(stop for _, stop in spans):
         return False
     return {_direction_of(one) for one in inputs} == {*Direction}
 
@@ -508,9 +508,7 @@ class InputReading:
 
     def streams(self) -> Iterator[Iterator[Item]]:
         """The items of each group of inputs, to be read one after the other."""
-        for group in self.groups:
-            items = self._selected(group)
-            yield (self._limited(item) if isinstance(item, Rows) else item for item in items)
+        yield from map(self._selected, self.groups)
 
     def __iter__(self) -> Iterator[Item]:
         """The rows that match, up to the limit, merged by time, and what is between them.

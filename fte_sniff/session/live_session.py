@@ -76,8 +76,8 @@ class LiveSession:
         self._stopped_at_s: float | None = None
         self._received_at_s = 0.0
         """Monotonic time of the last state; many come every second while the capture works."""
-        self._killed: str | None = None
-        """Why the capture process was killed; None if it was not."""
+        self.hurried = False
+        """Whether the end did not wait for what was still to be written."""
         self._process = start(plan)
         self._begun = Event()
         """Set with the first state."""
@@ -169,7 +169,7 @@ class LiveSession:
         The end states what is not in the recording.
         """
         if self.state.backlog is not None:
-            self._killed = _ENDED_EARLY
+            self.hurried = True
             self._process.kill()
 
     def close(self) -> None:
@@ -226,7 +226,7 @@ class LiveSession:
                 self.state, self._received_at_s = CaptureState.parse(line), time.monotonic()
                 self._begun.set()
         if not self.state.is_ended:
-            self.state = self._without_result(self._killed or _UNEXPECTED)
+            self.state = self._without_result(_UNEXPECTED)
         self._begun.set()
 
     def _kill_if_overdue(self) -> None:
@@ -236,18 +236,17 @@ class LiveSession:
         # A capture that still has much to record keeps sending states.
         if time.monotonic() > max(self._stopped_at_s, self._received_at_s) + END_WITHIN_S:
             self._process.kill()
-            self.state = self._without_result(self._killed or _KILLED)
+            self.state = self._without_result(_KILLED)
             self._begun.set()
 
     def _without_result(self, reason: str) -> CaptureState:
         """The state of a capture that ended without one."""
-        state = replace(self.state, is_ended=True)
+        state, reason = replace(self.state, is_ended=True), _ENDED_EARLY if self.hurried else reason
         if self.stopping and not state.started:
             return state
-        error = FileError if reason is _ENDED_EARLY else PortError
+        error = FileError if self.hurried else PortError
         if state.recording is None or self._plan.is_temporary:
-            failure = None if reason is _ENDED_EARLY else error(reason)
-            return replace(state, reason=reason, error=failure)
+            return replace(state, reason=reason, error=None if self.hurried else error(reason))
         whole = TranslatableText(
             "{reason}; up to {what} are not in {path}",
             reason=reason,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -156,13 +156,8 @@ class ReplaySession:
         return False
 
 
-def played(
-    items: Iterable[Item],
-    speed: float,
-    clock: Callable[[], int] = time.monotonic_ns,
-    wait: Callable[[float], None] = time.sleep,
-) -> Iterator[Item]:
-    """The items as fast as they came, or `speed` times as fast, by a clock in nanoseconds.
+def played(items: Iterable[Item], speed: float) -> Iterator[Item]:
+    """The items as fast as they came, or `speed` times as fast.
 
     Rows without a time, and what is between rows, come with the row before them.
     """
@@ -172,14 +167,14 @@ def played(
         while isinstance(left, Rows) and len(left):
             times = np.maximum.accumulate(left.t_ns)
             if began_ns is None and left.timed.any():
-                began_ns, first_ns = clock(), int(left.t_ns[left.timed][0])
+                began_ns, first_ns = time.monotonic_ns(), int(left.t_ns[left.timed][0])
             until_ns = EVER
             if began_ns is not None and first_ns is not None:
-                until_ns = first_ns + round((clock() - began_ns) * speed)
+                until_ns = first_ns + round((time.monotonic_ns() - began_ns) * speed)
             count = int(np.searchsorted(times, until_ns, side="right"))
             yield left[:count]
             left = left[count:]
             if len(left):
-                wait(PLAY_EVERY_S)
+                time.sleep(PLAY_EVERY_S)
         if not isinstance(item, Rows):
             yield item

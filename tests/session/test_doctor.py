@@ -10,8 +10,7 @@ from fte_sniff.capture.discovery import Holder, PortListing
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
 from fte_sniff.protocol import Direction
-from fte_sniff.session import doctor
-from fte_sniff.session.doctor import check_port, probe_finding, read_for, verdict_finding
+from fte_sniff.session.doctor import probe_finding, read_for, verdict_finding
 from tests.beside import Work
 
 
@@ -61,12 +60,3 @@ def test_a_port_that_goes_while_it_is_heard_is_one_line(pty):
         Work(pty.unplug)
         with pytest.raises(PortError, match=r"was lost: .*; check cable and power"):
             read_for(pty.device, port, FOR_EVER_S, 1)
-
-
-def test_a_probe_passes_over_a_baud_that_a_port_cannot_have(monkeypatch):
-    monkeypatch.setattr(doctor, "COMMON_BAUDS", (9600, 230_400))
-    few = replace(SETTINGS, baud=460_800)
-    judged = [LineCondition.SOUND, LineCondition.UNREADABLE]
-    monkeypatch.setattr(doctor, "diagnose", lambda data: LineDiagnosis(judged.pop(), len(data), 1))
-    *_, found = check_port("sim://?seed=1&rate=1000&wire=feedback", few, 0.1, probe=True)
-    assert found.fix == "fte-sniff live 'sim://?seed=1&rate=1000&wire=feedback' --baud 230400"
