@@ -102,7 +102,7 @@ CASES: dict[str, list[tuple[str, str]]] = {
     "two faults": between("55 01 07 03 E8 00 00 00 8F EE", "bad_motor,undefined_flags"),
     "any error flag": [
         (SPEED, ""),
-        *((f"55 01 01 03 E8 00 00 {error:02X} 0F EE", "") for error in range(256)),
+        *((f"55 01 01 03 E8 00 00 {1 << bit:02X} 0F EE", "") for bit in range(8)),
         (SPEED, ""),
     ],
     "noise between": [(SPEED, ""), ("12 34 56 78 9A BC", "noise"), (FEEDBACK, ""), (SPEED, "")],
@@ -272,7 +272,7 @@ def cut_differently(draw: st.DrawFn) -> tuple[list[Chunk], list[Chunk]]:
             began = chunk.t_ns - size * BYTE_NS
             other += [Chunk("p", beat, b"") for beat in range(last + 10 * MS, began + 1, 10 * MS)]
         cuts = sorted(draw(st.sets(st.integers(1, max(1, size - 1)), max_size=4)))
-        if draw(st.booleans()):
+        if draw(st.integers(0, 3)) == 3:
             cuts = list(range(1, size))
         for start, stop in pairwise([0, *(cut for cut in cuts if 0 < cut < size), size]):
             t_ns = None if chunk.t_ns is None else chunk.t_ns - (size - stop) * BYTE_NS
@@ -307,7 +307,7 @@ def test_cutting_into_other_chunks_gives_the_same_rows(
 def test_long_streams_have_the_same_rows_in_any_chunks(
     seed: int, share: float, payload: str, reserve: str, size: int
 ) -> None:
-    stream = damaged_stream(seed, 300, share, payload, reserve)[0] + UNDECIDABLE * 20
+    stream = damaged_stream(seed, 150, share, payload, reserve)[0] + UNDECIDABLE * 20
     rows = rows_of(stream)
     assert rows_of(stream, size) == rows
     assert b"".join(row.raw for row in rows) == stream

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import accumulate
 from math import prod
+from operator import mul
 from pathlib import Path
 
 import numpy as np
@@ -51,17 +53,21 @@ def damages(length: int) -> Iterator[tuple[int, int, float]]:
                 yield head, rest, 1e-5
 
 
+DAMAGES = [[*damages(length)] for length in range(LONGEST + 1)]
+TABLES = module._SCORES.astype(np.float64).tolist()
+
+
 def score_of(raw: bytes, *, contains_frame: bool) -> float:
     """The score of a candidate."""
     if len(raw) == FRAME_LENGTH and (whole := sent_as(raw)):
         return INTACT * whole
     total = 0.0
-    for code, kind in enumerate(KINDS):
-        table = module._SCORES[code]
-        for head, rest, prior in damages(len(raw)):
-            first = prod(float(table[at, raw[at]]) for at in range(head))
-            last = prod(float(table[-at, raw[-at]]) for at in range(1, rest + 1))
-            total += share(kind) * first * last * prior
+    for table, kind in zip(TABLES, KINDS, strict=False):
+        first = [1.0, *accumulate((own[byte] for own, byte in zip(table, raw, strict=False)), mul)]
+        back = zip(reversed(table), reversed(raw), strict=False)
+        last = [1.0, *accumulate((own[byte] for own, byte in back), mul)]
+        scores = (first[head] * last[rest] * prior for head, rest, prior in DAMAGES[len(raw)])
+        total += share(kind) * sum(scores)
     if len(raw) == FRAME_LENGTH and raw[0] in HEADER_BYTES and raw[-1] == TAIL:
         total += module._ANY_FRAMED
     return total * module._CONTAINING if contains_frame else total
@@ -74,8 +80,8 @@ def share(kind: FrameKind) -> float:
 def sent_as(raw: bytes) -> float:
     """The score of the first bytes of a frame of any kind."""
     return sum(
-        share(kind) * prod(float(module._SCORES[code][at, byte]) for at, byte in enumerate(raw))
-        for code, kind in enumerate(KINDS)
+        share(kind) * prod(own[byte] for own, byte in zip(table, raw, strict=False))
+        for table, kind in zip(TABLES, KINDS, strict=False)
     )
 
 
