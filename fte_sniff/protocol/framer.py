@@ -57,7 +57,7 @@ SETTLING_NS: Final = 20_000_000
 """Silence after which all bytes are decided, but the start of a frame."""
 GIVING_UP_NS: Final = 500_000_000
 """Silence after which the start of a frame is truncated."""
-CERTAIN: Final = 0.9995
+CERTAIN: Final = 0.999
 """A frame in a gap that is less probable is `ambiguous`."""
 KNOWN: Final = 8
 """Frames in a row with 00 in the reserve after which the line is known to have it."""

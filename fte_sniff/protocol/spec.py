@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import MappingProxyType
 
 from fte_sniff.errors import TranslatableText, ValueRangeError
 
@@ -68,24 +67,22 @@ class Fault(StrEnum):
     LINE_ERROR = "line_error"
 
 
-FAULT_MEANINGS: Mapping[Fault, str] = MappingProxyType(
-    {
-        Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
-        Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
-        Fault.BAD_HEADER: "ten bytes like a frame, the header wrong",
-        Fault.BAD_TAIL: "ten bytes like a frame, the tail wrong",
-        Fault.TRUNCATED: "starts like a frame, bytes are missing",
-        Fault.OVERLONG: "starts and ends like a frame, bytes too many",
-        Fault.NOISE: "bytes that belong to no frame, or are the rest of one without its start",
-        Fault.RESERVED_NONZERO: (
-            "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in"
-            " the protocol)"
-        ),
-        Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
-        Fault.AMBIGUOUS: "another reading of these bytes cannot be ruled out",
-        Fault.LINE_ERROR: "the UART reported an error around these bytes",
-    }
-)
+FAULT_MEANINGS: Mapping[Fault, str] = {
+    Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
+    Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
+    Fault.BAD_HEADER: "ten bytes like a frame, the header wrong",
+    Fault.BAD_TAIL: "ten bytes like a frame, the tail wrong",
+    Fault.TRUNCATED: "starts like a frame, bytes are missing",
+    Fault.OVERLONG: "starts and ends like a frame, bytes too many",
+    Fault.NOISE: "bytes that belong to no frame, or are the rest of one without its start",
+    Fault.RESERVED_NONZERO: (
+        "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in"
+        " the protocol)"
+    ),
+    Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
+    Fault.AMBIGUOUS: "another reading of these bytes cannot be ruled out",
+    Fault.LINE_ERROR: "the UART reported an error around these bytes",
+}
 
 SUSPECT_FAULTS = frozenset(
     {Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS, Fault.AMBIGUOUS, Fault.LINE_ERROR}
@@ -107,16 +104,14 @@ class Direction(StrEnum):
     FEEDBACK = "feedback"
 
 
-HEADERS: Mapping[Direction, int] = MappingProxyType(
-    {Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}
-)
+HEADERS: Mapping[Direction, int] = {Direction.CONTROL: 0xAA, Direction.FEEDBACK: 0x55}
 
 HEADER_BYTES = bytes(HEADERS.values())
 """Every byte that can begin a frame."""
 
-DIRECTION_OF_HEADER: Mapping[int, Direction] = MappingProxyType(
-    {header: direction for direction, header in HEADERS.items()}
-)
+DIRECTION_OF_HEADER: Mapping[int, Direction] = {
+    header: direction for direction, header in HEADERS.items()
+}
 
 
 class Role(StrEnum):
@@ -286,10 +281,6 @@ def _int16(name: str, start: int, unit: str, meaning: str, option: str, role: Ro
     return Field(name, start, 2, -(2**15), 2**15 - 1, unit, meaning, option, role=role)
 
 
-def _speed(meaning: str) -> Field:
-    return _int16("rpm", 3, "RPM", meaning, "rpm", Role.SPEED)
-
-
 def _position(start: int, meaning: str) -> Field:
     ends = -(2**31), 2**31 - 1
     return Field("pulses", start, 4, *ends, "pulses", meaning, "pulses", role=Role.POSITION)
@@ -300,90 +291,59 @@ def _flags(name: str, start: int, meaning: str, role: Role, legal_bits: int, def
     return Field(name, start, 1, 0, 0xFF, "", meaning, name, legal_bits, default, fault, role)
 
 
-def _motor(meaning: str) -> Field:
-    low, high = MOTORS[0], MOTORS[-1]
-    fault = Fault.BAD_MOTOR
-    return Field(
-        "motor", NUM_OFFSET, 1, low, high, "", meaning, "motor", fault=fault, role=Role.MOTOR
-    )
-
-
-_MOTOR = _motor("motor (driver) number")
+_MOTOR = Field(
+    "motor", NUM_OFFSET, 1, MOTORS[0], MOTORS[-1], "", "motor (driver) number", "motor",
+    fault=Fault.BAD_MOTOR, role=Role.MOTOR,
+)  # fmt: skip
+_TARGET, _LIMIT, _PRESENT = (
+    _int16("rpm", 3, "RPM", meaning, "rpm", Role.SPEED)
+    for meaning in ("target speed", "speed limit", "present speed")
+)
 _ERROR = _flags(
     "error", 7, "error flags; 00 is all normal, single bits are undocumented", Role.ERRORS, 0xFF, 0
 )
 _ONLINE = _flags("online", 8, "online flags; 0F is four motors online", Role.ONLINE, 0x0F, 0x0F)
+_FORWARD = _int16("vx_cm_s", 3, "cm/s", "chassis speed, + is forward", "vx", Role.FORWARD)
 _LEFT = replace(
     _int16("vy_cm_s", 5, "cm/s", "chassis speed, + is left", "vy", Role.LEFT),
     erratum="LR: + is left by the document's rule; its example calls +10 right (erratum 3)",
 )
+_ROTATION = _int16(
+    "wz_mrad_s", 7, "mrad/s", "chassis rotation, the sign is the direction", "wz", Role.ROTATION
+)
+_GOAL = _position(5, "target position, the sign is the direction")
+_PLACE = _position(3, "present position")
 
+_CONTROL, _FEEDBACK = Direction
 KINDS: tuple[FrameKind, ...] = (
-    FrameKind("reset", Direction.CONTROL, (0x00,), (), range(3, 9), "reset all motors"),
+    FrameKind("reset", _CONTROL, (0,), (), range(3, 9), "reset all motors"),
     FrameKind(
-        "speed",
-        Direction.CONTROL,
-        (0x01,),
-        (_MOTOR, _speed("target speed")),
-        range(5, 9),
-        "turn one motor at a speed",
+        "speed", _CONTROL, (1,), (_MOTOR, _TARGET), range(5, 9), "turn one motor at a speed"
     ),
     FrameKind(
-        "position",
-        Direction.CONTROL,
-        (0x02,),
-        (
-            _MOTOR,
-            _speed("speed limit"),
-            _position(5, "target position, the sign is the direction"),
-        ),
-        range(0),
+        "position", _CONTROL, (2,), (_MOTOR, _LIMIT, _GOAL), range(0),
         "turn one motor to a position",
     ),
     FrameKind(
-        "mecanum",
-        Direction.CONTROL,
-        (0x03,),
-        (
-            _int16("vx_cm_s", 3, "cm/s", "chassis speed, + is forward", "vx", Role.FORWARD),
-            _LEFT,
-            _int16(
-                "wz_mrad_s",
-                7,
-                "mrad/s",
-                "chassis rotation, the sign is the direction",
-                "wz",
-                Role.ROTATION,
-            ),
-        ),
-        range(0),
+        "mecanum", _CONTROL, (3,), (_FORWARD, _LEFT, _ROTATION), range(0),
         "drive the mecanum chassis",
     ),
     FrameKind(
-        "speed_feedback",
-        Direction.FEEDBACK,
-        (0x01, 0x03),
-        (_MOTOR, _speed("present speed"), _ERROR, _ONLINE),
-        range(5, 7),
-        "present speed of one motor (CMD 01 in speed mode, 03 in mecanum mode)",
-        reserve=0x00,
+        "speed_feedback", _FEEDBACK, (1, 3), (_MOTOR, _PRESENT, _ERROR, _ONLINE), range(5, 7),
+        "present speed of one motor (CMD 01 in speed mode, 03 in mecanum mode)", reserve=0,
     ),
     FrameKind(
-        "position_feedback",
-        Direction.FEEDBACK,
-        (0x02,),
-        (_MOTOR, _position(3, "present position"), _ERROR, _ONLINE),
-        range(0),
+        "position_feedback", _FEEDBACK, (2,), (_MOTOR, _PLACE, _ERROR, _ONLINE), range(0),
         "present position of one motor",
     ),
-)
+)  # fmt: skip
 """Every kind of frame; a new kind is one entry here."""
 
-KIND_BY_NAME: Mapping[str, FrameKind] = MappingProxyType({kind.name: kind for kind in KINDS})
+KIND_BY_NAME: Mapping[str, FrameKind] = {kind.name: kind for kind in KINDS}
 
-KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = MappingProxyType(
-    {(kind.header, cmd): kind for kind in KINDS for cmd in kind.cmds}
-)
+KIND_BY_HEADER_AND_CMD: Mapping[tuple[int, int], FrameKind] = {
+    (kind.header, cmd): kind for kind in KINDS for cmd in kind.cmds
+}
 
 
 def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -> bytes:
@@ -410,20 +370,13 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
     return bytes(raw)
 
 
-def _value_fields() -> tuple[Field, ...]:
-    fields: dict[str, Field] = {}
-    for kind in KINDS:
-        for field in kind.fields:
-            fields.setdefault(field.name, field)
-    return tuple(fields.values())
-
-
-VALUE_FIELDS = _value_fields()
+_FIELDS = [field for kind in KINDS for field in kind.fields]
+FIELD_BY_NAME: Mapping[str, Field] = {
+    name: next(field for field in _FIELDS if field.name == name)
+    for name in dict.fromkeys(field.name for field in _FIELDS)
+}
+VALUE_FIELDS = tuple(FIELD_BY_NAME.values())
 """The first field of each row name, in the order of `KINDS`."""
 
-FIELD_BY_NAME: Mapping[str, Field] = MappingProxyType({one.name: one for one in VALUE_FIELDS})
-
-NAME_OF_ROLE: Mapping[Role, str] = MappingProxyType(
-    {field.role: field.name for field in VALUE_FIELDS if field.role}
-)
+NAME_OF_ROLE: Mapping[Role, str] = {field.role: field.name for field in VALUE_FIELDS if field.role}
 """The row name of each role; fields of a role have the same name in every kind."""

@@ -71,7 +71,7 @@ CASES: dict[str, list[tuple[str, str]]] = {
     "only the header left": [(SPEED, ""), ("AA", "truncated"), (FEEDBACK, "")],
     "middle lost": between("AA 02 02 03 10 EE", "truncated"),
     "header lost": between("02 02 03 E8 00 00 27 10 EE", "noise"),
-    "only the tail left": [(PLACE, "ambiguous"), ("EE", "noise"), (SPEED, "")],
+    "only the tail left": [(PLACE, ""), ("EE", "noise"), (SPEED, "")],
     "one byte inserted": between("AA 01 01 03 77 E8 00 00 00 00 EE", "overlong"),
     "four bytes inserted": between("55 01 01 03 E8 12 34 56 78 00 00 00 0F EE", "overlong"),
     "header changed": between("AB 02 02 03 E8 00 00 27 10 EE", "bad_header"),
@@ -610,9 +610,9 @@ def test_joining_in_mid_stream_invents_nothing() -> None:
 @pytest.mark.parametrize("payload", PAYLOADS)
 @pytest.mark.parametrize("reserve", RESERVES)
 def test_frames_with_any_reserve_are_found(reserve: str, payload: str) -> None:
-    for share in (0.0, 0.01):
+    for share in (0.0, 0.2):
         stream, sent = damaged_stream(1, 3000, share, payload, reserve)
         judged = score(sent, rows_of(stream))
         assert judged.found_share >= (0.9995 if share else 1.0)
-        assert judged.invented_ok == 0
+        assert judged.invented_ok <= (1 if share else 0)
         assert judged.doubted_share <= 0.03
