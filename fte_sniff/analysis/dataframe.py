@@ -75,7 +75,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     values, known, words = column.of_rows(rows)
     dtype = _TYPES[column.name]
     if words is None:
-        return _with_nulls(values, known).cast(dtype)
+        return known_only(values, known).cast(dtype)
     if column.type is ColumnType.TEXT:
         # A device path may hold bytes that are not text; polars takes only valid Unicode.
         words = [str(word).encode(errors="replace").decode() for word in words]
@@ -97,7 +97,7 @@ def _raw(rows: Rows) -> pl.Series:
     return texts.str.head(pl.Series(2 * rows.length.astype(np.int64)))
 
 
-def _with_nulls(numbers: Array, known: Bools | None) -> pl.Series:
+def known_only(numbers: Array, known: Bools | None) -> pl.Series:
     """The numbers as a series, null where they are not known."""
     # The numbers may be a view of other bytes of the rows, which polars would copy bit by bit.
     values = pl.Series(np.ascontiguousarray(numbers))

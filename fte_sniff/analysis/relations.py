@@ -172,51 +172,39 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
     Columns: `command` and `answer` (indices, -1 without an answer), `motor`, `kind` (code), `cmd`,
     `state` (an `AnswerState`), `delay_ns` (null unless it is answered and both have times).
     """
-    kinds = rows.kinds
-    is_command, is_feedback = COMMANDS[kinds], FEEDBACK[kinds]
-    to_all = is_command & ~NAMES_MOTOR[kinds]
-    return pl.concat(
-        _answers_of(
-            rows,
-            runs,
-            motor,
-            np.flatnonzero((is_command & (rows.nums == motor)) | to_all),
-            np.flatnonzero(is_feedback & (rows.nums == motor)),
-        )
-        for motor in MOTORS
-    )
-
-
-def _answers_of(rows: Rows, runs: Runs, motor: int, commands: Ints, feedback: Ints) -> pl.DataFrame:
-    cmds, count = rows.cmds[commands], len(rows)
-    t_ns = np.append(rows.t_ns, NO_TIME)
-    run_ends = np.searchsorted(runs["number"], runs["number"][commands], "right")
-    ends = np.minimum(np.append(commands[1:], count), run_ends)
-    answer = np.full(len(commands), count)
-    for cmd in ANSWERABLE:
-        same = np.append(feedback[rows.cmds[feedback] == cmd], count)
-        own = cmds == cmd
-        answer[own] = same[np.searchsorted(same, commands[own])]
-    delays = t_ns[answer] - t_ns[commands]
-    timed = (t_ns[answer] != NO_TIME) & (t_ns[commands] != NO_TIME)
+    kinds, count = rows.kinds, len(rows)
+    commands, feedback = (np.flatnonzero(one[kinds]) for one in (COMMANDS, FEEDBACK))
+    to_all = ~NAMES_MOTOR[kinds[commands]]
+    of_motors = [commands[to_all | (rows.nums[commands] == motor)] for motor in MOTORS]
+    at = np.concatenate(of_motors)
+    motors = np.repeat(MOTORS, [len(own) for own in of_motors])
+    run_ends = np.searchsorted(runs["number"], runs["number"][at], "right")
+    ends = np.concatenate([np.append(own, count)[1:] for own in of_motors])
+    ends, cmds = np.minimum(ends, run_ends), rows.cmds[at]
+    # The first feedback with the motor and the CMD behind each command, by a sorted key of all.
+    size, keys = count + 1, rows.nums.astype(np.int64) << 8 | rows.cmds
+    came = np.sort(keys[feedback] * size + feedback)
+    wanted = (motors << 8 | cmds) * size + at
+    next_ = np.append(came, -1)[np.searchsorted(came, wanted)]
+    answer = np.where(next_ // size == wanted // size, next_ % size, count)
+    t_ns, came_ns = rows.t_ns[at], np.append(rows.t_ns, NO_TIME)[answer]
+    delays, timed = came_ns - t_ns, (came_ns != NO_TIME) & (t_ns != NO_TIME)
     is_answered = (answer < ends) & ~(timed & (delays > DEADLINE_NS))
-    latest = np.maximum.accumulate(rows.t_ns)[run_ends - 1] if len(commands) else commands
-    waited = latest - t_ns[commands]
-    overdue = (ends < run_ends) | ((t_ns[commands] != NO_TIME) & (waited > DEADLINE_NS))
-    state = np.full(len(commands), AnswerState.UNKNOWN)
-    missing = ~is_answered & overdue & np.isin(cmds, ANSWERABLE)
-    own = runs[commands]
-    is_covered = own["feedback_seen"] & ~own["lost"]
+    latest = np.maximum.accumulate(rows.t_ns)[run_ends - 1] if count else t_ns
+    overdue = (ends < run_ends) | ((t_ns != NO_TIME) & (latest - t_ns > DEADLINE_NS))
+    own = runs[at]
+    is_covered, missing = own["feedback_seen"] & ~own["lost"], overdue & np.isin(cmds, ANSWERABLE)
+    state = np.full(len(at), AnswerState.UNKNOWN)
     state[missing & is_covered] = AnswerState.UNANSWERED
     state[missing & ~is_covered] = AnswerState.UNCOVERED
     state[is_answered] = AnswerState.ANSWERED
     state[own["hidden"]], is_answered[own["hidden"]] = AnswerState.HIDDEN, False
     return pl.DataFrame(
         {
-            "command": commands,
+            "command": at,
             "answer": np.where(is_answered, answer, NONE),
-            "motor": np.full(len(commands), motor, np.uint8),
-            "kind": rows.kinds[commands],
+            "motor": motors.astype(np.uint8),
+            "kind": kinds[at],
             "cmd": cmds,
             "state": state.astype(np.uint8),
             "delay_ns": np.where(is_answered & timed & (delays >= 0), delays, NONE),

@@ -107,7 +107,11 @@ class RowStore:
         while at < end:
             number, first = divmod(at, size)
             if number == len(self._blocks):
-                self._blocks.append(_block(size, in_file=number >= self._memory_blocks))
+                in_file = number >= self._memory_blocks
+                columns = {
+                    name: _space(kind, size, in_file=in_file) for name, (kind, _) in COLUMNS.items()
+                }
+                self._blocks.append(columns)
             count = min(end - at, size - first)
             part = slice(at - start, at - start + count)
             yield self._blocks[number], slice(first, first + count), part
@@ -153,20 +157,13 @@ class RowStore:
         return self.next
 
 
-def _block(size: int, *, in_file: bool) -> dict[str, Array]:
-    """Columns with space for rows, in memory or in a temporary file."""
-    types = {name: np.dtype(kind) for name, (kind, _) in COLUMNS.items()}
+def _space(kind: str, size: int, *, in_file: bool) -> Array:
+    """A column with space for rows, in memory or in a temporary file."""
     if not in_file:
-        return {name: np.empty(size, kind) for name, kind in types.items()}
+        return np.empty(size, kind)
+    dtype = np.dtype(kind)
     with TemporaryFile() as file:
-        space = np.memmap(
-            file, np.uint8, "w+", shape=size * sum(k.itemsize for k in types.values())
-        )
-    found, at = {}, 0
-    for name, kind in types.items():
-        own = space[at : at + size * kind.itemsize].view(kind.base)
-        found[name], at = own.reshape(size, *kind.shape), at + size * kind.itemsize
-    return found
+        return np.memmap(file, dtype.base, "w+", shape=(size, *dtype.shape))
 
 
 class Matches:

@@ -18,6 +18,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import polars as pl
 
+from fte_sniff.analysis.dataframe import known_only
 from fte_sniff.analysis.relations import (
     NAMES_MOTOR,
     NO_RUNS,
@@ -30,7 +31,7 @@ from fte_sniff.analysis.relations import (
     with_facts,
 )
 from fte_sniff.protocol.items import PortEvent
-from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     MOTORS,
@@ -141,8 +142,8 @@ class Table:
         columns = {
             "t_ns": times(t_ns),
             "port": pl.Series(rows.port),
-            "kind": _known(kinds, is_kind),
-            MOTOR: _known(rows.nums, NAMES_MOTOR[kinds] & is_kind),
+            "kind": known_only(kinds, is_kind),
+            MOTOR: known_only(rows.nums, NAMES_MOTOR[kinds] & is_kind),
             "direction": pl.Series(rows.directions),
             "faults": pl.Series(rows.faults),
             "length": pl.Series(rows.length.astype(np.int64)),
@@ -153,24 +154,14 @@ class Table:
             "step_ns": _since(t_ns, t_ns, on_port),
             "idle_ns": _since(t_ns, ends_ns, on_port),
             "used_ns": _since(ends_ns, begins_ns, np.arange(len(at))),
-            **{name: _known(*rows.field(name)) for name in QUANTITIES},
+            **{name: known_only(*rows.field(name)) for name in QUANTITIES},
         }
         return pl.DataFrame({name: one[own:] for name, one in columns.items()})
 
 
-def _known(values: Array, known: Bools) -> pl.Series:
-    """The values, null where they are not known."""
-    series = pl.Series(np.ascontiguousarray(values))
-    return (
-        series
-        if known.all()
-        else series.zip_with(pl.Series(known), pl.Series([None], dtype=series.dtype))
-    )
-
-
 def times(t_ns: Ints) -> pl.Series:
     """Times, null where they are `NO_TIME`."""
-    return _known(t_ns, t_ns != NO_TIME)
+    return known_only(t_ns, t_ns != NO_TIME)
 
 
 def _since(t_ns: Ints, earlier_ns: Ints, at: Ints) -> pl.Series:
@@ -178,7 +169,7 @@ def _since(t_ns: Ints, earlier_ns: Ints, at: Ints) -> pl.Series:
     if not len(t_ns):
         return pl.Series([], dtype=pl.Int64)
     known = (at != NONE) & (t_ns != NO_TIME) & (earlier_ns[at] != NO_TIME)
-    return _known(np.where(known, t_ns - earlier_ns[at], 0), known)
+    return known_only(np.where(known, t_ns - earlier_ns[at], 0), known)
 
 
 EMPTY: Final = Table.of(NO_ROWS, NO_RUNS)
