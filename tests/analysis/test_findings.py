@@ -72,13 +72,6 @@ def test_a_line_that_is_damaged_all_the_time_is_a_finding(share: float, is_wrong
     assert all("; throughout the recording; mostly " in one.text for one in found)
 
 
-def test_a_finding_names_the_numbers_of_answers_and_commands() -> None:
-    (found,) = find(rows_with("lost")[0])
-    text = f"motor 3 answered {found.rows - found.events:,} of {found.rows:,} commands"
-    assert (found.cause, found.motor) == (Cause.UNANSWERED, 3)
-    assert text in found.text
-
-
 def test_a_second_offline_does_not_explain_answers_that_are_lost_all_the_time() -> None:
     rows, _ = rows_with("brief_offline")
     lost = (rows.directions == 1) & (rows.nums == 3)
@@ -133,11 +126,6 @@ def test_a_finding_about_most_motors_leaves_the_others_as_they_are() -> None:
     }
 
 
-def test_flipped_bits_in_flags_are_not_a_finding() -> None:
-    rows = polled(600, lambda n, motor: {"error": 1 << n % 8 if n % 40 < 4 else 0})
-    assert find(rows) == []
-
-
 def test_flags_that_come_again_and_again_are_few_findings_with_all_of_them() -> None:
     rows = polled(1200, lambda n, motor: {"error": 2 if motor == 1 and n % 1200 < 5 else 0})
     found = find(rows)
@@ -160,24 +148,6 @@ def test_a_host_that_leaves_a_motor_out_is_not_silence() -> None:
     times = (rows.t_ns - START_NS) / SECOND
     left_out = (times > 300) & (times < 400) & (rows.nums == 2)
     assert find(rows.select(~left_out)) == []
-
-
-def test_damage_names_a_direction_only_where_its_rows_have_one() -> None:
-    raw = bytes.fromhex("5501")
-    frames = [
-        cut(n * SECOND // 20, raw) if n % 2 and 2000 < n < 4000 else feedback(n * SECOND // 20)
-        for n in range(6000)
-    ]
-    (found,) = find(Rows.of(frames))
-    assert found.text.endswith("mostly truncated")
-    assert found.motor == 1
-    wrong = bytes.fromhex("550109000000000000EE")
-    framed = [
-        one if one.framed else Row("bus", 0, wrong, one.t_ns, (Fault.BAD_MOTOR,)) for one in frames
-    ]
-    (found,) = find(Rows.of(framed))
-    assert found.text.endswith("mostly bad_motor, feedback")
-    assert found.motor == 1
 
 
 def _damaged_now_and_then(motors: tuple[int, ...]) -> Rows:
@@ -248,24 +218,8 @@ def test_counts_of_parts_add_up_to_the_whole(steps: list[Row | Item], most: int)
     assert counts_by_key(summed(parts)) == counts_by_key(whole)
 
 
-@given(st.lists(st.booleans(), min_size=1, max_size=40), st.integers(1, 40))
-def test_flags_across_cuts_are_those_of_a_single_pass(raised: list[bool], most: int) -> None:
-    rows = [feedback(n * SECOND // 5, error=4 * is_raised) for n, is_raised in enumerate(raised)]
-    counts = summed(map(events.counted, tables([*rows], most)))
-    runs = [len(run) for run in "".join("01"[one] for one in raised).split("0")]
-    found = events.Events(counts).windows.total("raised 1")
-    assert found == sum(run for run in runs if run >= 3)
-
-
 def tables_of(rows: Rows) -> list[Table]:
     return [*segments([rows], most=4096)]
-
-
-@pytest.mark.parametrize("kind", ["lost", "damage", "error"])
-def test_parts_give_the_findings_of_a_single_pass(kind: str) -> None:
-    rows, _ = rows_with(kind)
-    counts = summed(map(events.counted, tables_of(rows)))
-    assert find_counted(counts).found == report(rows).found
 
 
 def test_windows_of_a_long_recording_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:

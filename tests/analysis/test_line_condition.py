@@ -89,8 +89,3 @@ def test_any_bytes_get_a_consistent_diagnosis(data):
     assert found.size == len(data)
     assert 0 <= found.share <= 1
     assert found.has_frames <= bool(found.directions)
-
-
-@given(st.binary(max_size=100), st.sampled_from(COMMON_BAUDS))
-def test_the_simulated_hardware_receives_what_was_sent_despite_clock_error(data, baud):
-    assert received_by_hardware(1, [data], baud, baud) == data

@@ -6,18 +6,10 @@ import pytest
 from hypothesis import given
 
 from fte_sniff.analysis.relations import AnswerState, motor_hints, row_before, stream_keys
-from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import MOTORS, Direction
 from tests.analysis.captures import SECOND, captures, damage, frame, polled, table_of
-
-ANSWERED, UNANSWERED, UNKNOWN, UNCOVERED, HIDDEN = AnswerState
-
-
-def states(table: Table, motor: int = 1) -> list[int]:
-    """The states of the commands to a motor, in order."""
-    return table.answers.filter(motor=motor).sort("command")["state"].to_list()
 
 
 def expected_answers(steps: list[Row | Item]) -> list[tuple[int, int, int | None]]:
@@ -77,49 +69,36 @@ def test_frame_before_is_of_its_stream_and_run(steps: list[Row | Item]) -> None:
     assert row_before(stream_keys(table.rows), table.runs).tolist() == expected
 
 
-def test_command_without_feedback_before_it_is_uncovered() -> None:
-    found = table_of([frame("speed", 0), frame("speed", 10), frame("speed_feedback", 12)])
-    assert states(found) == [UNCOVERED, ANSWERED]
-
-
-def test_next_command_ends_the_wait() -> None:
-    rows = [frame("speed_feedback", 0), frame("speed", 1), frame("speed", 2)]
-    assert states(table_of([*rows, frame("speed_feedback", 4)])) == [UNANSWERED, ANSWERED]
-
-
-@pytest.mark.parametrize(("last_ms", "state"), [(900, UNKNOWN), (1100, UNANSWERED)])
-def test_command_at_the_end_is_unanswered_only_after_the_deadline(
-    last_ms: float, state: AnswerState
-) -> None:
-    rows = [frame("speed_feedback", -5), frame("speed", 0), damage(last_ms)]
-    assert states(table_of(rows)) == [state]
-
-
-def test_reset_awaits_no_answer() -> None:
-    rows = [frame("speed_feedback", 0), frame("reset", 1), frame("speed_feedback", 3000)]
-    assert states(table_of(rows)) == [UNKNOWN]
+ASKED = [frame("speed_feedback", 0), frame("speed", 1), frame("speed", 2)]
+"""Feedback, a command whose wait the next one ends, and that one."""
+LOST, FOUND = Gap(GapKind.PORT, port_lost=True), Gap(GapKind.PORT, port_lost=False)
+HID, OTHER = Gap(GapKind.SELECTED), Gap(GapKind.OTHER_RECORDING, port_lost=False)
 
 
 @pytest.mark.parametrize(
-    ("gap", "state"),
+    ("steps", "expected"),
     [
-        (Gap(GapKind.PORT), UNANSWERED),
-        (Gap(GapKind.PORT, port_lost=True), UNCOVERED),
-        (Gap(GapKind.OTHER_RECORDING), UNCOVERED),
-        (Gap(GapKind.SELECTED, reason="motor = 1"), HIDDEN),
+        (
+            [frame("speed", 0), frame("speed", 10), frame("speed_feedback", 12)],
+            "UNCOVERED ANSWERED",
+        ),
+        ([*ASKED, frame("speed_feedback", 4)], "UNANSWERED ANSWERED"),
+        ([frame("speed_feedback", -5), frame("speed", 0), damage(900)], "UNKNOWN"),
+        ([frame("speed_feedback", -5), frame("speed", 0), damage(1100)], "UNANSWERED"),
+        ([ASKED[0], frame("reset", 1), frame("speed_feedback", 3000)], "UNKNOWN"),
+        ([ASKED[0], Gap(GapKind.PORT), *ASKED[1:]], "UNANSWERED UNKNOWN"),
+        ([ASKED[0], LOST, *ASKED[1:]], "UNCOVERED UNKNOWN"),
+        ([ASKED[0], OTHER, *ASKED[1:]], "UNCOVERED UNKNOWN"),
+        ([ASKED[0], HID, *ASKED[1:]], "HIDDEN HIDDEN"),
+        ([LOST, *ASKED, FOUND, *ASKED], "UNCOVERED UNKNOWN UNANSWERED UNKNOWN"),
+        ([HID, *ASKED, OTHER, *ASKED], "HIDDEN HIDDEN UNANSWERED UNKNOWN"),
     ],
 )
-def test_gap_decides_whether_a_command_can_be_unanswered(gap: Gap, state: AnswerState) -> None:
-    rows = [frame("speed_feedback", 0), gap, frame("speed", 1), frame("speed", 2)]
-    assert states(table_of(rows))[0] == state
-
-
-def test_found_port_and_next_recording_end_what_a_gap_began() -> None:
-    lost, found = Gap(GapKind.PORT, port_lost=True), Gap(GapKind.PORT, port_lost=False)
-    hidden, other = Gap(GapKind.SELECTED), Gap(GapKind.OTHER_RECORDING, port_lost=False)
-    rows = [frame("speed_feedback", 0), frame("speed", 1), frame("speed", 2)]
-    assert states(table_of([lost, *rows, found, *rows]))[2] == UNANSWERED
-    assert states(table_of([hidden, *rows, other, *rows]))[2] == UNANSWERED
+def test_rows_and_gaps_decide_whether_a_command_is_unanswered(
+    steps: list[Row | Item], expected: str
+) -> None:
+    found = table_of(steps).answers.filter(motor=1).sort("command")["state"]
+    assert [AnswerState(state).name for state in found] == expected.split()
 
 
 def test_facts_of_hidden_answers_are_null() -> None:

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.relations import runs_of
 from fte_sniff.analysis.store import Matches, RowStore
-from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import FACTS, Item, Row, Rows
-from tests.analysis.captures import MS, START, captures, frame, items_of, polled, table_of
+from tests.analysis.captures import MS, captures, frame, items_of, polled, table_of
 
 BLOCK = 8
 
@@ -82,23 +80,9 @@ def test_row_that_needs_no_facts_is_shown_at_once() -> None:
     assert (shown.count, waiting.count) == (1, 0)
 
 
-def test_marks_have_the_index_of_the_row_after_them() -> None:
-    event = PortEvent(START + 15 * MS, "a", PortEventKind.OPENED, "")
-    rows = Rows.of([frame("speed", at) for at in (0, 10, 20)])
-    gap = Gap(GapKind.DAMAGE)
-    store = RowStore()
-    for item in (rows, event, gap, rows):
-        store.append(item)
-    assert [(mark.index, mark.what) for mark in store.marks] == [(3, event), (3, gap)]
-
-
 @pytest.mark.parametrize(("t_ms", "index"), [(-1, 0), (0, 0), (0.5, 1), (449, 36), (1e6, 80)])
 def test_index_of_a_time(t_ms: float, index: int) -> None:
     store = stored([*polled(10)])
     first = store.batch(0, 1).t_ns[0]
     rising = np.sort(store.batch(0, 80).t_ns)
     assert store.index_at(int(first + t_ms * MS)) == np.searchsorted(rising, first + t_ms * MS)
-
-
-def test_a_table_without_changes_is_one_run() -> None:
-    assert not runs_of(Rows.of(polled(1)))["number"].any()
