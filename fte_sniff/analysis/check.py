@@ -362,9 +362,11 @@ def _changed(counts: Counts, rule: Rule, context: RuleContext) -> Measured:
     if context.baseline is None:
         return Measured(None)
     found = compare.compared(context.baseline, counts)
-    changes = [one for one in found.changes if rule.argument in ("", one.measure)]
-    text = changes[0].text if changes else ""
-    return Measured(len(changes) if found.covers(rule.argument) else None, text=text)
+    changes, numbers = (
+        [one for one in some if rule.argument in ("", one.measure)]
+        for some in (found.changes, found.numbers)
+    )
+    return Measured(len(changes) if numbers else None, text=changes[0].text if changes else "")
 
 
 class Measure(NamedTuple):

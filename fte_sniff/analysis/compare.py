@@ -179,10 +179,6 @@ class Comparison(NamedTuple):
             lambda group, motors: {"motors": motors},
         )
 
-    def covers(self, measure: str) -> bool:
-        """Whether a measure was compared; empty for any."""
-        return any(measure in ("", one.measure) for one in self.numbers)
-
 
 def _topic(one: Number) -> tuple[str, str | None, bool]:
     """What changes of three or four motors have in common that are listed as one."""

@@ -95,15 +95,14 @@ def comparison_json(found: Comparison, before: Counts, after: Counts) -> Json:
     """What changed, best first, and what was and was not compared."""
     return {
         "version": VERSION,
-        "changes": [number_json(one) for one in found.changes],
+        "changes": [*map(_number_json, found.changes)],
         "not_compared": [str(one) for one in found.not_compared],
-        "numbers": [number_json(one) for one in found.numbers],
+        "numbers": [*map(_number_json, found.numbers)],
         "before": _extent_json(before["extent"].row(0, named=True)),
         "after": _extent_json(after["extent"].row(0, named=True)),
     }
 
 
-def number_json(one: Number) -> Json:
-    """A number of both sides."""
+def _number_json(one: Number) -> Json:
     values = fields_json(one, "measure", MOTOR, "kind", "before", "after", "text")
     return {**values, "port": one.port or None}
