@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import click
@@ -30,9 +29,7 @@ from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol import DEFAULT_BAUD
-from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.real_number import RealNumber
-from fte_sniff.session.inputs import Input
 
 
 @grouped_command(name="view", short_help="Show files on the screen of live.")
@@ -85,17 +82,17 @@ def command(
         follower = query.follower() if following else None
         reading = query.read(None, progress=progress, follower=follower)
         items = iter(reading)
-        # The first rows are read now, so that an error comes before the screen.
-        opening_items = _up_to_rows(items)
+        # The first item is read now, so that an error comes before the screen.
+        begun = list(islice(items, 1))
     ports = reading.source.ports
     setup = settings.line_setup(ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
-    shown = chain(opening_items, items)
+    shown = chain(begun, items)
     session = ReplaySession(
         shown if play_speed is None else played(shown, play_speed),
         " ".join(map(str, query.files)),
-        None if reading.span else _row_count(reading.inputs),
+        reading.progress.total,
         list(map(str, paths)),
         follower,
         plays=play_speed is not None,
@@ -123,21 +120,6 @@ def command(
         raise session.error
     exit_if_unreadable(reading)
     sys.exit(code)
-
-
-def _up_to_rows(items: Iterator[Item]) -> list[Item]:
-    """The items up to the first rows, and these."""
-    found = list[Item]()
-    for item in items:
-        found.append(item)
-        if isinstance(item, Rows):
-            break
-    return found
-
-
-def _row_count(inputs: Sequence[Input]) -> int | None:
-    counts = [one.count for one in inputs if one.count is not None]
-    return sum(counts) if len(counts) == len(inputs) else None
 
 
 def _latest() -> Path:
