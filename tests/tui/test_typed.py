@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import CHARACTERS, ListFeed, lines, noise, play, press, speed_rows
+from tests.waiting import BOUND_S
 
 KEYS = (
     *("f", "slash", "colon", "C", "x", "number_sign", "m", "enter", "escape", "backspace", "tab"),
@@ -27,7 +29,11 @@ def shown_after(keys: Sequence[str], *, at_once: bool) -> tuple[list[str], objec
     feed.end()
 
     async def scenario(app: SniffApp) -> None:
-        await app.workers.wait_for_complete()  # a file with findings opens with them
+        # A file with findings opens with them, once they were looked for.
+        async with asyncio.timeout(BOUND_S):
+            while app._searched != app.view.store.known:
+                await asyncio.sleep(0.02)
+        await app.workers.wait_for_complete()
         for some in [" ".join(keys)] if at_once else keys:
             if app.is_running:
                 await press(app, some)
