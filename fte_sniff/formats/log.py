@@ -347,7 +347,7 @@ class LineReader:
         found, stop, way = list[Entry](), 0, ""
         for run in self.form.run.finditer(text):
             if data := self._data(text, run):
-                before = text[max(stop, run.start() - _LONGEST_BEFORE) : run.start()]
+                before = text[stop : run.start()][-_LONGEST_BEFORE:]
                 way = way_in(before) or way if self._names is None else ""
                 found.append(Entry(data, way, before))
                 stop = run.end()
@@ -359,15 +359,16 @@ class LineReader:
     def _data(self, text: str, run: re.Match[str]) -> bytes:
         """The data of a run; its lane has data from its first whole frame on."""
         lane = self._lane(text, run)
-        if lane not in self._cuts:
+        cut = self._cuts.get(lane)
+        if cut is None:
             is_long = run.end() - run.start() >= FRAME_LENGTH
             if not is_long or not _FRAME.search(self._bytes(run)):
                 return b""
-            self._add(lane, slice(None))
+            self._add(lane, cut := slice(None))
         data = self._bytes(run)
         if len(data) < _FEW and (lane[0], _is_last(text, run.end())) not in self._ends:
             return b""
-        return data[self._cuts[lane]]
+        return data[cut]
 
     def _groups_of(self, line: str, pattern: re.Pattern[str]) -> Parsed:
         match = pattern.search(line)

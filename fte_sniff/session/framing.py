@@ -84,10 +84,11 @@ def rows_of_chunks(
                         f"{chunk.port}: at {baud} baud its bytes end after the year 2262, which no"
                         " row can name; check --start and --baud"
                     )
-                if chunk.port not in wires:
+                wire = wires.get(chunk.port)
+                if wire is None:
                     wires[chunk.port] = wire = _Wire(chunk.port, baud)
                     merge.lanes.append(wire.lane)
-                wires[chunk.port].push(chunk, number)
+                wire.push(chunk, number)
                 size += len(chunk.data)
             if size >= SPAN_BYTES or (size and not chunk.data):
                 size = 0
@@ -118,8 +119,9 @@ class _Wire:
     def __init__(self, port: str, baud: int) -> None:
         self.port, self.framer, self.lane = port, Framer(port, baud), Lane()
         self.size = self.frames = 0
-        self.times: list[int] = []
-        """The first and the last time."""
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        """The latest time."""
         self.last: Rows | None = None
         """The rows that were decided last."""
         self._chunks: list[tuple[int, int]] = []
@@ -130,8 +132,9 @@ class _Wire:
         self.framer.push(chunk)
         self.size += len(chunk.data)
         self._chunks.append((self.size, number))
-        if chunk.t_ns is not None:
-            self.times[1:] = [max([*self.times, chunk.t_ns])]
+        if (t_ns := chunk.t_ns) is not None:
+            self.first_ns = t_ns if self.first_ns is None else self.first_ns
+            self.last_ns = t_ns if t_ns > self.last_ns else self.last_ns
 
     def drain(self, number: int) -> None:
         """Put the rows that were decided into the lane, by the numbers of their chunks."""
@@ -146,7 +149,7 @@ class _Wire:
 
     def share(self, baud: int) -> float:
         """The share of the time between the first and the last chunk that all bytes take."""
-        span_ns = self.times[-1] - self.times[0] if self.times else 0
+        span_ns = self.last_ns - (self.first_ns or 0)
         return self.size * byte_time_ns(baud) / span_ns if span_ns else 0
 
 
