@@ -72,4 +72,4 @@ def _hints(ports: Sequence[PortListing]) -> Iterator[str]:
         yield f"{finding.about}: {finding.what}: {finding.fix}"
     if not strays and all(port.vid is None for port in ports):
         what = "no USB adapter is" if ports else "no serial port is"
-        yield f"{what} plugged in ; {PLUG_IN}; sim:// simulates one"
+        yield f"{what} plugged in; {PLUG_IN}; sim:// simulates one"
