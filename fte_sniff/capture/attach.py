@@ -172,7 +172,7 @@ class Strace:
         self._device, self._terminals = device, _terminals_of(self.holders)
         self._process = _started(self._names[0], self.holders, device)
         self._rest = b""
-        """What was printed and is no whole line yet."""
+        """What was printed after the last whole line."""
         while self._rest.count(b" attached") < len(self.holders):
             more = self._read()
             if more is None:

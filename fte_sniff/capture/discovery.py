@@ -198,8 +198,6 @@ class StrayAdapter:
     """Its own name, printable; may be empty."""
     wanted: str
     """The driver that makes it a port."""
-    driver: str | None
-    """The driver that it has; `usbfs` is a program; None for none."""
 
 
 def stray_adapters(devices: Path = _USB_DEVICES) -> list[StrayAdapter]:
@@ -216,12 +214,9 @@ def _stray(device: Path) -> StrayAdapter | None:
     if wanted is None:
         return None
     # The folder of an interface is named after its device: 1-2 has 1-2:1.0.
-    interfaces = sorted(device.glob(f"{device.name}:*"))
-    if any(any(interface.glob("tty*")) for interface in interfaces):
+    if any(device.glob(f"{device.name}:*/tty*")):
         return None
-    drivers = [i / "driver" for i in interfaces if (i / "driver").exists()]
-    driver = drivers[0].resolve().name if drivers else None
-    return StrayAdapter(usb_ids, printable(text_of(device / "product")), wanted, driver)
+    return StrayAdapter(usb_ids, printable(text_of(device / "product")), wanted)
 
 
 def text_of(file: Path) -> str:

@@ -230,8 +230,7 @@ def _descriptor_writer(descriptor: int) -> Write:
 
 # Latency of the driver
 
-USB_SERIAL: Final = Path("/sys/bus/usb-serial/devices")
-"""Where Linux publishes the settings of USB adapters."""
+_SYS_TTY: Final = Path("/sys/class/tty")
 
 
 def request_low_latency(port: serial.Serial) -> TranslatableText:
@@ -244,12 +243,13 @@ def request_low_latency(port: serial.Serial) -> TranslatableText:
     return TranslatableText("low latency granted")
 
 
-def latency_timer_ms(device: str, devices: Path = USB_SERIAL) -> int | None:
+def driver_folder(device: str, sys_tty: Path = _SYS_TTY) -> Path:
+    """Where Linux publishes what the driver of a device is set to."""
+    return sys_tty / Path(device).resolve().name / "device"
+
+
+def latency_timer_ms(folder: Path) -> int | None:
     """The latency timer of a USB adapter, milliseconds; None if it has none."""
-    return _timer_ms(devices / Path(device).resolve().name)
-
-
-def _timer_ms(folder: Path) -> int | None:
     try:
         return int((folder / "latency_timer").read_text())
     except (OSError, ValueError):
@@ -261,7 +261,6 @@ HOST_NS: Final = 1_000_000  # until this program runs after bytes have arrived
 USB_FRAME_NS: Final = 1_000_000  # polling interval of a full-speed USB host
 USB_UNKNOWN_NS: Final = 16_000_000  # usual latency timer, for an adapter where it cannot be read
 FIFO_BYTES: Final = 16  # byte times that an on-board UART holds bytes: FIFO full, or four unused
-_SYS_TTY = Path("/sys/class/tty")
 
 
 def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
@@ -269,10 +268,10 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     device = device_of(port)
     if device is None:
         return HOST_NS + NETWORK_LATENCY_NS * is_network(port.port or "")
-    folder = sys_tty / Path(device).resolve().name / "device"
+    folder = driver_folder(device, sys_tty)
     if POSIX and not folder.exists():
         return HOST_NS  # a pseudo-terminal
     if POSIX and not (folder / "subsystem").resolve().name.startswith("usb"):
         return HOST_NS + FIFO_BYTES * byte_time_ns(port.baudrate)
-    timer_ms = _timer_ms(folder)
+    timer_ms = latency_timer_ms(folder)
     return HOST_NS + USB_FRAME_NS + (USB_UNKNOWN_NS if timer_ms is None else timer_ms * 1_000_000)

@@ -17,7 +17,6 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from pathlib import Path
 from shlex import quote
 
 import serial
@@ -26,9 +25,9 @@ from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diag
 from fte_sniff.capture.discovery import StrayAdapter, list_ports, stray_adapters
 from fte_sniff.capture.port_errors import one_line
 from fte_sniff.capture.serial_port import (
-    USB_SERIAL,
     PortSettings,
     device_of,
+    driver_folder,
     latency_timer_ms,
     open_port,
     reader_of,
@@ -73,7 +72,7 @@ def check_port(
     """
     with closing(open_port(name, settings)) as port:
         request_low_latency(port)
-        yield capability_finding(name, latency_timer_ms(device_of(port) or name))
+        yield capability_finding(name, latency_timer_ms(driver_folder(device_of(port) or name)))
         data = read_for(name, port, seconds, _ENOUGH_BYTES)
     verdict = diagnose(data)
     yield verdict_finding(name, settings.baud, verdict)
@@ -118,11 +117,9 @@ def check_adapters() -> Iterator[Diagnosis]:
 def stray_finding(stray: StrayAdapter) -> Diagnosis:
     """Why an adapter that is plugged in does not appear as a port."""
     what = f"{stray.product or 'a serial adapter'} is plugged in, but does not appear as a port"
-    load = f"sudo modprobe {stray.wanted}"
-    if stray.driver is None:
-        return bad(f"USB {stray.usb_ids}", f"{what}: its driver is not loaded", load)
-    fix = f"unplug it, {load}"
-    return bad(f"USB {stray.usb_ids}", f"{what}: {stray.driver} has it", fix)
+    what += ": its driver is not loaded, or another program or driver has it"
+    fix = f"unplug it, sudo modprobe {stray.wanted}, plug it in again"
+    return bad(f"USB {stray.usb_ids}", what, fix)
 
 
 SHORT_TIMER_MS = 2
@@ -135,7 +132,7 @@ def capability_finding(device: str, timer_ms: int | None) -> Diagnosis:
         return warn(
             device,
             f"the adapter holds bytes back for up to {timer_ms} ms",
-            f"echo 1 | sudo tee {USB_SERIAL / Path(device).resolve().name}/latency_timer",
+            f"echo 1 | sudo tee {driver_folder(device)}/latency_timer",
         )
     delay = "no latency timer" if timer_ms is None else f"latency timer {timer_ms} ms"
     return ok(device, delay)

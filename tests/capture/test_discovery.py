@@ -2,7 +2,7 @@ import os
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from fte_sniff.capture.discovery import Holder, holders_of, listings
+from fte_sniff.capture.discovery import Holder, StrayAdapter, holders_of, listings, stray_adapters
 from fte_sniff.capture.port_errors import permission_fix
 from tests.beside import held
 
@@ -59,3 +59,13 @@ def test_the_way_in_names_the_command_for_a_group_that_may(tmp_path):
         assert f"sudo usermod -aG {group.gr_name} $USER, then log in again" in permission_fix(
             str(file)
         )
+
+
+def test_adapter_without_a_device_file_is_stray(tmp_path):
+    for name, chip in (("1-1", "1a86:7523"), ("1-2", "0403:6001"), ("1-3", "dead:beef")):
+        (tmp_path / name / f"{name}:1.0").mkdir(parents=True)
+        for file, number in zip(("idVendor", "idProduct"), chip.split(":"), strict=True):
+            (tmp_path / name / file).write_text(f"{number}\n")
+    (tmp_path / "1-2" / "1-2:1.0" / "ttyUSB0").mkdir()
+    assert stray_adapters(tmp_path) == [StrayAdapter("1a86:7523", "", "ch341")]
+    assert stray_adapters(tmp_path / "none") == []
