@@ -18,6 +18,7 @@ from bisect import bisect_left
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.protocol.gap import IS_HEADER, LEGAL
 from fte_sniff.protocol.islands import (
@@ -67,7 +68,8 @@ class _Arrival(NamedTuple):
     """When the bytes of a chunk came."""
 
     stop: int
-    t_ns: int | None
+    t_ns: int
+    """`NO_TIME` where the input has no time."""
     floor_ns: int
     """Earliest time at which one of them can have begun."""
     byte_ns: int
@@ -84,33 +86,24 @@ class _Times:
 
     def append(self, chunk: Chunk) -> int:
         """Append a chunk; returns the silence before it, nanoseconds, 0 if unknown."""
-        if not chunk.data:
-            return self._silence_at(chunk.t_ns)
-        self._size += len(chunk.data)
-        byte_ns = 0 if chunk.at_once else self.byte_ns
-        self._arrivals.append(_Arrival(self._size, chunk.t_ns, self._floor_ns, byte_ns))
-        before, self._silent_since = self._silent_since, chunk.t_ns
-        if chunk.t_ns is None:
+        before, t_ns, size = self._silent_since, chunk.t_ns, len(chunk.data)
+        if size:
+            self._size += size
+            byte_ns = 0 if chunk.at_once else self.byte_ns
+            known_ns = NO_TIME if t_ns is None else t_ns
+            self._arrivals.append(_Arrival(self._size, known_ns, self._floor_ns, byte_ns))
+            self._floor_ns = max(self._floor_ns, known_ns)
+            self._silent_since = None if t_ns is None else self._floor_ns
+        if t_ns is None or before is None or (size and chunk.is_late):
             return 0
-        self._silent_since = self._floor_ns = max(self._floor_ns, chunk.t_ns)
-        if before is None or chunk.is_late:
-            return 0
-        return max(0, chunk.t_ns - len(chunk.data) * self.byte_ns - before)
-
-    def _silence_at(self, t_ns: int | None) -> int:
-        if t_ns is None or self._silent_since is None:
-            return 0
-        return max(0, t_ns - self._silent_since)
+        return max(0, t_ns - size * self.byte_ns - before)
 
     def began(self, offsets: Ints) -> tuple[Ints, Ints]:
         """When the bytes at these offsets, rising, began, and how long before they were read."""
-        arrivals = self._arrivals
-        columns = zip(*arrivals, strict=True) if arrivals else ((0,), (None,), (0,), (0,))
-        stops, times, floors, byte_times = columns
-        of_byte = np.searchsorted(stops, offsets, "right")
-        t_ns = np.array([NO_TIME if t_ns is None else t_ns for t_ns in times])[of_byte]
-        behind = np.array(stops)[of_byte] - offsets
-        began = np.maximum(t_ns - behind * np.array(byte_times)[of_byte], np.array(floors)[of_byte])
+        arrivals = np.array([*self._arrivals, (2**62, NO_TIME, 0, 0)], np.int64)
+        of_byte = np.searchsorted(arrivals[:, 0], offsets, "right")
+        stop, t_ns, floor_ns, byte_ns = arrivals[of_byte].T
+        began = np.maximum(t_ns - (stop - offsets) * byte_ns, floor_ns)
         is_known = t_ns != NO_TIME
         delays = np.where(is_known, np.maximum(t_ns - began, 0), NO_TIME)
         return np.where(is_known, began, NO_TIME), delays
@@ -259,30 +252,22 @@ class Framer:
         last[-1] -= (last[-1] - first[-1]) % MOST_BYTES
         self._emitted = int(last[-1]) + self._base
         noise, noise_length = _cut(first, last)
-        is_row = stop > start
+        is_row, is_noise = stop > start, np.ones(len(noise), np.bool_)
         offset = np.concatenate([start[is_row], noise])
         if not len(offset):
             return NO_ROWS
         order = np.argsort(offset, kind="stable")
-        columns = [
-            (stop - start)[is_row], noise_length,
-            faults[is_row], np.full(len(noise), _NOISE),
-            framed[is_row], np.zeros(len(noise), np.bool_),
-        ]  # fmt: skip
-        length, faults, framed = (
-            np.concatenate(columns[at : at + 2])[order] for at in range(0, len(columns), 2)
-        )
-        return self._as_rows(offset[order], length, faults, framed)
-
-    def _as_rows(self, offset: Ints, length: Ints, faults: Array, framed: Bools) -> Rows:
-        """The rows at these offsets in the data."""
-        raw = _bytes_of(self._data, offset, length)
+        offset = offset[order]
+        length = np.concatenate([(stop - start)[is_row], noise_length])[order]
+        faults = np.concatenate([faults[is_row], is_noise * _NOISE])[order]
+        framed = np.concatenate([framed[is_row], ~is_noise])[order]
+        raw = _bytes_of(data, offset, length)
         unusual, self._zeros = unusual_reserves(raw, framed & (faults == 0), self._zeros)
         faults[unusual] |= _RESERVED
         offset = offset + self._base
-        for start, stop in self._errors:
-            low, high = np.searchsorted(offset, (start, stop)).tolist()
-            if low == 0 or offset[low - 1] + length[low - 1] > start:
+        for error in self._errors:
+            low, high = np.searchsorted(offset, error).tolist()
+            if low == 0 or offset[low - 1] + length[low - 1] > error[0]:
                 low = max(0, low - 1)
             faults[low:high] |= _LINE_ERROR
         t_ns, delay_ns = self._times.began(offset)
@@ -301,16 +286,11 @@ def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
     return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)
 
 
-_MASKS: Final = (np.arange(MOST_BYTES) < np.arange(MOST_BYTES + 1)[:, None]) * np.uint8(255)
-
-
-def _bytes_of(data: bytes, offset: Ints, length: Ints) -> Codes:
+def _bytes_of(data: Codes, offset: Ints, length: Ints) -> Codes:
     """The bytes of rows, padded with zeros."""
-    padded = data + bytes(MOST_BYTES)
-    windows: Array = np.ndarray((len(data),), f"V{MOST_BYTES}", padded, 0, (1,))
-    words = windows[offset].view("<u8").reshape(-1, 2)
-    words &= _MASKS.view("<u8").take(length, axis=0)
-    found: Codes = words.view(np.uint8)
+    padded = np.concatenate([data, np.zeros(MOST_BYTES, np.uint8)])
+    found: Codes = sliding_window_view(padded, MOST_BYTES)[offset]
+    found *= np.arange(MOST_BYTES, dtype=np.uint8) < length[:, None]
     return found
 
 
