@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from fte_sniff.protocol import HEADERS, TAIL, Chunk, Fault, Framer, Row
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
-from tests.protocol.streams import rows_of
 from tests.support.faults import damaged_stream, frame_faults
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}
@@ -36,31 +35,6 @@ def named(fields: list[ExplainedField], name: str) -> ExplainedField:
     return field
 
 
-@given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]))
-def test_each_byte_is_in_exactly_one_field(seed: int, payload: str) -> None:
-    stream, _ = damaged_stream(seed, 12, 0.6, payload)
-    for row in rows_of(stream):
-        fields = dissect(row)
-        assert [offset for field in fields for offset in field.offsets] == list(range(len(row.raw)))
-        for field in fields:
-            assert field.raw == row.raw[field.offsets.start : field.offsets.stop]
-        assert len(explain(row)) == len(row.faults)
-        if not row.framed:
-            assert not any(field.value for field in fields)
-
-
-def test_a_position_frame_field_by_field() -> None:
-    fields = frame("AA 02 02 03 E8 00 00 27 10 EE")
-    assert [(field.name, field.value) for field in fields] == [
-        ("header", "control"),
-        ("cmd", "2"),
-        ("motor", "2"),
-        ("rpm", "1000 RPM"),
-        ("pulses", "10000 pulses"),
-        ("tail", ""),
-    ]
-
-
 @pytest.mark.parametrize(
     ("text", "fault", "meanings"),
     [
@@ -79,14 +53,6 @@ def test_a_frame_with_one_wrong_end_is_explained_as_far_as_it_is_known(
     fields = damage(text, fault)
     assert [field.meaning for field in fields[1:]] == meanings
     assert [field.name for field in fields if field.fault] == [fault.value.removeprefix("bad_")]
-
-
-def test_unused_bytes_are_distinguished() -> None:
-    fields = frame("AA 00 07 00 00 00 00 00 00 EE")
-    assert [(field.name, list(field.offsets)) for field in fields[2:4]] == [
-        ("num", [2]),
-        ("reserve", [3, 4, 5, 6, 7, 8]),
-    ]
 
 
 def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
@@ -200,6 +166,7 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
         shown = [field for field in dissect(row) if field.fault is not None]
         assert {field.fault for field in shown} == set(row.faults) - BESIDE_THE_BYTES
         assert all(field.note or field.meaning for field in shown if field.name != "noise")
+        assert row.framed or not any(field.value for field in dissect(row))
 
 
 @given(
@@ -209,5 +176,6 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
 def test_rows_of_other_programs_are_explained_by_their_faults_too(row: Row) -> None:
     fields = dissect(row)
     assert [offset for field in fields for offset in field.offsets] == list(range(len(row.raw)))
+    assert b"".join(field.raw for field in fields) == row.raw
     assert {field.fault for field in fields} <= {None, *row.faults}
     assert [str(fault) for fault in row.faults] == [text.split(":")[0] for text in explain(row)]

@@ -26,7 +26,7 @@ from fte_sniff.protocol.spec import (
     byte_time_ns,
 )
 from tests.examples import examples
-from tests.protocol.streams import raw_bytes
+from tests.protocol.streams import raw_bytes, rows_of
 from tests.support.faults import PAYLOADS, RESERVES, damaged_stream, draw_frame
 from tests.support.score import labels, score
 
@@ -43,12 +43,6 @@ def framed(chunks: Sequence[Chunk]) -> list[Row]:
         framer.push(chunk)
         rows += framer.drain()
     return rows + list(framer.finish())
-
-
-def rows_of(stream: bytes, size: int | None = None) -> list[Row]:
-    """The rows of a stream that comes at once, or in chunks of this size."""
-    step = size or max(1, len(stream))
-    return framed([Chunk("p", None, stream[at : at + step]) for at in range(0, len(stream), step)])
 
 
 # Named cases
@@ -382,52 +376,35 @@ def test_a_baud_below_1_is_refused(baud: int) -> None:
         Framer("p").set_baud(baud)
 
 
-def test_a_row_begins_its_bytes_before_the_read() -> None:
-    rows = framed([Chunk("p", START, FRAME * 3)])
-    assert [row.t_ns for row in rows] == [START - n * FRAME_LENGTH * BYTE_NS for n in (3, 2, 1)]
-    assert [row.delay_ns for row in rows] == [n * FRAME_LENGTH * BYTE_NS for n in (3, 2, 1)]
-
-
-def test_a_row_does_not_begin_before_the_read_before_its_own() -> None:
-    rows = framed([Chunk("p", START, FRAME), Chunk("p", START + BYTE_NS, FRAME * 2)])
-    assert [row.t_ns for row in rows[1:]] == [START, START]
-
-
-def test_bytes_of_a_chunk_at_once_all_have_its_time() -> None:
-    chunks = [
-        Chunk("p", START, FRAME * 2, at_once=True),
-        Chunk("p", START + MS, FRAME * 2),
-        Chunk("p", START + 2 * MS, FRAME, at_once=True),
-    ]
-    between = [max(START, START + MS - count * FRAME_LENGTH * BYTE_NS) for count in (2, 1)]
-    times = [START, START, *between, START + 2 * MS]
-    assert [row.t_ns for row in framed(chunks)] == times
-
-
-@given(st.lists(st.tuples(st.integers(-5 * MS, 30 * MS), st.integers(0, 25)), max_size=20))
-def test_times_never_fall(reads: list[tuple[int, int]]) -> None:
-    now, chunks = START, list[Chunk]()
-    for step, size in reads:
-        now += step
-        chunks.append(Chunk("p", now, (FRAME * 3)[:size]))
-    times = [row.t_ns for row in framed(chunks)]
-    assert times == sorted(t for t in times if t is not None)
-
-
-def test_input_without_times_gives_rows_without_times() -> None:
-    rows = rows_of(FRAME * 2 + b"\x01")
-    assert [(row.t_ns, row.delay_ns) for row in rows] == [(None, None)] * 3
-
-
-def test_a_new_baud_dates_the_bytes_after_it_and_no_others() -> None:
-    framer = Framer("p")
-    framer.push(Chunk("p", START, FRAME))
-    framer.set_baud(9600)
-    framer.push(Chunk("p", START + 100 * MS, FRAME))
-    assert [row.t_ns for row in framer.finish()] == [
-        START - FRAME_LENGTH * BYTE_NS,
-        START + 100 * MS - FRAME_LENGTH * byte_time_ns(9600),
-    ]
+@given(
+    st.lists(
+        st.tuples(
+            st.none() | st.integers(-5 * MS, 30 * MS),
+            st.integers(1, 25),
+            st.booleans(),
+            st.sampled_from([9600, DEFAULT_BAUD]),
+        ),
+        max_size=20,
+    )
+)
+def test_a_row_begins_its_bytes_before_the_read_but_not_before_the_read_before(
+    reads: list[tuple[int | None, int, bool, int]],
+) -> None:
+    framer, now, floor = Framer("p"), START, 0
+    times: list[tuple[int | None, int | None]] = []
+    for step, size, at_once, baud in reads:
+        framer.set_baud(baud)
+        now += step or 0
+        framer.push(Chunk("p", None if step is None else now, (FRAME * 3)[:size], at_once=at_once))
+        byte_ns = 0 if at_once else byte_time_ns(baud)
+        began = [max(floor, now - count * byte_ns) for count in range(size, 0, -1)]
+        known = [(t_ns, max(0, now - t_ns)) for t_ns in began]
+        times += [(None, None)] * size if step is None else known
+        floor = floor if step is None else max(floor, now)
+    rows = framer.finish()
+    assert [(row.t_ns, row.delay_ns) for row in rows] == [times[row.offset] for row in rows]
+    known_times = [row.t_ns for row in rows if row.t_ns is not None]
+    assert known_times == sorted(known_times)
 
 
 def after_silence(data: bytes, silence_ms: int) -> list[tuple[bytes, tuple[Fault, ...]]]:
@@ -477,13 +454,6 @@ def test_silence_ends_a_run_of_noise() -> None:
     assert [(len(row.raw), row.faults) for row in framed(chunks)] == [
         (16, NOISE), (4, NOISE), (16, NOISE), (4, NOISE)
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize("lead", range(30, 140, 9))
-def test_long_noise_byte_by_byte_stays_noise(lead: int) -> None:
-    rows = rows_of(bytes(lead) + b"\x55" + bytes(60), 1)
-    assert {row.faults for row in rows} == {NOISE}
-    assert {len(row.raw) for row in rows[:-1]} == {MOST_BYTES}
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,7 @@ from fte_sniff.errors import ValueRangeError
 from fte_sniff.protocol import (
     KIND_BY_NAME,
     KINDS,
-    Direction,
     Fault,
-    Field,
     FrameKind,
     encode,
 )
@@ -91,41 +89,6 @@ def test_a_cmd_of_another_kind_is_named() -> None:
     values = {"motor": 1, "rpm": 5}
     with pytest.raises(ValueRangeError, match="cmd 2 is out of range: speed_feedback has cmd 1 or"):
         encode(KIND_BY_NAME["speed_feedback"], values, cmd=2)
-
-
-@pytest.mark.parametrize(
-    ("text", "faults"),
-    [
-        ("AA 01 01 03 E8 12 34 00 00 EE", ()),
-        ("AA 00 00 01 00 00 00 00 00 EE", ()),
-        ("55 01 01 03 E8 00 00 10 0F EE", ()),
-        ("55 02 01 03 E8 00 00 FF 0F EE", ()),
-        ("55 01 01 03 E8 00 00 00 1F EE", (Fault.UNDEFINED_FLAGS,)),
-        ("55 01 01 03 E8 00 01 00 0F EE", (Fault.RESERVED_NONZERO,)),
-        ("55 01 01 03 E8 01 00 00 1F EE", (Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS)),
-        ("55 00 01 03 E8 00 00 00 0F EE", (Fault.UNKNOWN_CMD,)),
-        ("AA 04 01 03 E8 00 00 00 00 EE", (Fault.UNKNOWN_CMD,)),
-        ("AA 01 00 03 E8 00 00 00 00 EE", (Fault.BAD_MOTOR,)),
-        ("AA 02 05 03 E8 00 00 27 10 EE", (Fault.BAD_MOTOR,)),
-        ("AA 03 FF 00 0A 00 00 00 00 EE", ()),
-    ],
-)
-def test_what_one_frame_shows_by_itself(text: str, faults: tuple[Fault, ...]) -> None:
-    raw = bytes.fromhex(text)
-    (row,) = rows_of(raw)
-    assert row.framed
-    assert row.faults == faults
-
-
-def ranged(size: int, low: int, high: int, fault: Fault | None) -> Field:
-    return Field("level", 3, size, low, high, "", "a level", "level", fault=fault)
-
-
-def test_the_legal_bytes_of_a_field_are_those_of_its_range() -> None:
-    level = ranged(1, 0, 9, Fault.UNDEFINED_FLAGS)
-    kind = FrameKind("level", Direction.CONTROL, (0x10,), (level,), range(4, 9), "a level")
-    legal = kind.legal_bytes()
-    assert legal[3] == bytes(range(10))
 
 
 def test_a_field_with_illegal_values_has_one_byte_and_names_their_fault() -> None:
