@@ -31,6 +31,7 @@ from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.chunks import (
     HEAD,
     Contents,
+    DamagedError,
     contents_of,
     records_in,
     unpack,
@@ -59,14 +60,16 @@ def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
         with path.open("rb") as stream:
             contents = contents_of(stream)
             for t_ns, _, id_, data in _in_order(stream.fileno(), contents, topics):
+                topic = contents.channels[id_].topic
                 if id_ not in payloads:
                     payloads[id_] = _payload_of(contents.channels[id_], contents)
-                topic, own = contents.channels[id_].topic, payloads[id_](data)
-                yield Chunk(topic, t_ns if t_ns < _END_NS else None, own)
+                yield Chunk(topic, t_ns if t_ns < _END_NS else None, payloads[id_](data))
     except OSError as error:
         raise unreadable(path, error) from error
-    except ValueError as error:
+    except DamagedError as error:
         raise FileError("{path}: {why}", path=path, why=error.args[0]) from error
+    except ValueError as error:
+        raise FileError("{path}: {topic}: {why}", path=path, topic=topic, why=str(error)) from error
     names = sorted({channel.topic for channel in contents.channels.values()})
     for topic in set(topics).difference(names):
         has = listed(map(repr, names)) or TranslatableText("no topics at all")
@@ -106,7 +109,7 @@ def _payload_of(channel: Channel, contents: Contents) -> Payload:
     if channel.message_encoding == "cdr" and schema is not None:
         return _cdr(schema)
     if channel.message_encoding == "json":
-        raise ValueError(f"the messages of {channel.topic} are JSON, which is not read")
+        raise ValueError("its messages are JSON, which is not read")
     return bytes
 
 

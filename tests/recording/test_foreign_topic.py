@@ -138,7 +138,7 @@ def test_the_bytes_are_extracted_with_their_times(
         ("cdr", ("a/B", "ros2msg", ITSELF), bytes(9), "has itself as a field"),
         ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0\1\0\0\xff\xff\xff\xff", "shorter than it"),
         ("cdr", ("a/B", "ros2msg", b"uint8[] d\n"), b"\0", "without its header"),
-        ("json", None, b"[1]", "/serial are JSON"),
+        ("json", None, b"[1]", "/serial: its messages are JSON"),
     ],
 )
 def test_a_message_without_bytes_is_an_error(
