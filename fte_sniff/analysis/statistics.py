@@ -29,7 +29,6 @@ from fte_sniff.protocol.spec import (
     MOTORS,
     NAME_OF_ROLE,
     Direction,
-    Fault,
     Role,
     Status,
     motor_bit,
@@ -199,13 +198,12 @@ def _having(counts: pl.DataFrame, name: str, bits: int) -> pl.DataFrame:
 
 
 def _statuses(rows: pl.DataFrame) -> Json:
-    of = {bits: status_of(faults_in(bits)) for bits in rows["faults"].unique()}
-    return {
-        str(status): _size(
-            rows.filter(pl.col("faults").is_in([bits for bits in of if of[bits] is status]))
-        )
-        for status in Status
-    }
+    found = {str(status): {"rows": 0, "bytes": 0} for status in Status}
+    for bits, count, size in rows.select("faults", "sum rows", "sum bytes").iter_rows():
+        own = found[str(status_of(faults_in(bits)))]
+        own["rows"] += count
+        own["bytes"] += size
+    return found
 
 
 def _port(counts: Counts, port: str, baud: int) -> Json:
@@ -232,17 +230,15 @@ def _port(counts: Counts, port: str, baud: int) -> Json:
 def _faults(rows: pl.DataFrame) -> Iterator[Json]:
     """The faults that occurred; a row counts for each of its own."""
     total = _size(rows)
-    for fault in Fault:
-        own = _having(rows, "faults", fault_bits([fault]))
-        if len(own):
-            extent = _extent(own)
-            yield {
-                "fault": str(fault),
-                "status": str(status_of((fault,))),
-                **extent,
-                "rows_share": extent["rows"] / total["rows"],
-                "bytes_share": extent["bytes"] / total["bytes"] if total["bytes"] else 0.0,
-            }
+    for fault in faults_in(int(np.bitwise_or.reduce(rows["faults"].to_numpy()))):
+        extent = _extent(_having(rows, "faults", fault_bits([fault])))
+        yield {
+            "fault": str(fault),
+            "status": str(status_of((fault,))),
+            **extent,
+            "rows_share": extent["rows"] / total["rows"],
+            "bytes_share": extent["bytes"] / total["bytes"] if total["bytes"] else 0.0,
+        }
 
 
 def _durations(found: Durations) -> Json:
