@@ -36,7 +36,7 @@ STATISTICS_AND_FINDINGS: Final = together(events.counted, statistics.counted)
 """What `statistics` and `find` need, counted together."""
 
 
-PARTS: Final = 16
+PARTS: Final = 8
 """Parts that are added at once."""
 
 
