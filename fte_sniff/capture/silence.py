@@ -33,16 +33,29 @@ class SilenceWatch:
         self._is_silent = self._is_named = False
         self._begin()
 
+    def _begin(self) -> None:
+        self._since_ns: int | None = None
+        self._count = 0
+        self._values = set[int]()
+
     def observe(self, chunk: Chunk) -> PortEvent | None:
         """Add a chunk; returns what it ends or shows."""
-        t_ns, was_silent = chunk.t_ns or 0, self._is_silent
-        silence_ns = 0 if self._last_ns is None else t_ns - self._last_ns
+        t_ns = chunk.t_ns or 0
+        silence_s = 0.0 if self._last_ns is None else (t_ns - self._last_ns) / 1e9
         if chunk.data:
-            self._last_ns, self._is_silent = t_ns, False
-            self._add(chunk.data, t_ns)
-            return self._again(t_ns, silence_ns) if was_silent else None
-        self._is_silent = was_silent or silence_ns >= self._silence_s * 1e9
-        return self._silent(t_ns) if self._is_silent and not was_silent else None
+            was_silent, self._is_silent, self._last_ns = self._is_silent, False, t_ns
+            self._since_ns = t_ns if self._since_ns is None else self._since_ns
+            self._count += len(chunk.data)
+            if len(self._values) < 2:
+                self._values.update(chunk.data)
+            if was_silent:
+                detail = TranslatableText("bytes again after {seconds:.1f} s", seconds=silence_s)
+                return self._event(t_ns, PortEventKind.BYTES_AGAIN, detail, silence_s)
+        elif not self._is_silent and self._last_ns is not None and silence_s >= self._silence_s:
+            self._is_silent = True
+            detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)
+            return self._event(t_ns, PortEventKind.SILENT, detail, self._silence_s)
+        return None
 
     def frame_came(self) -> None:
         """Note a readable frame: the line is right."""
@@ -62,18 +75,6 @@ class SilenceWatch:
             return None
         self._is_named = True
         return PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
-
-    def _begin(self) -> None:
-        self._since_ns: int | None = None
-        self._count = 0
-        self._values = set[int]()
-
-    def _add(self, data: bytes, t_ns: int) -> None:
-        if self._since_ns is None:
-            self._since_ns = t_ns
-        self._count += len(data)
-        if len(self._values) < 2:
-            self._values.update(data)
 
     def _what(self) -> TranslatableText:
         seconds = NO_FRAME_NS // 1_000_000_000
@@ -97,12 +98,6 @@ class SilenceWatch:
             port=self._port,
         )
 
-    def _silent(self, t_ns: int) -> PortEvent:
-        detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)
-        count = round(self._silence_s * 1000)
-        return PortEvent(t_ns, self._port, PortEventKind.SILENT, detail, count)
-
-    def _again(self, t_ns: int, silence_ns: int) -> PortEvent:
-        detail = TranslatableText("bytes again after {seconds:.1f} s", seconds=silence_ns / 1e9)
-        count = silence_ns // 1_000_000
-        return PortEvent(t_ns, self._port, PortEventKind.BYTES_AGAIN, detail, count)
+    def _event(self, t_ns: int, kind: PortEventKind, detail: str, silence_s: float) -> PortEvent:
+        """An event whose count is milliseconds of silence."""
+        return PortEvent(t_ns, self._port, kind, detail, round(silence_s * 1000))
