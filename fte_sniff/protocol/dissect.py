@@ -81,10 +81,10 @@ def dissect(row: Row) -> list[ExplainedField]:
         return [_decoded(row, slot) for slot in _layout(row.kind)]
     kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], (row.raw + b"\0")[CMD_OFFSET]))
     if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
-        return [*_undecoded_slots(row, kind)]
+        return [*_undecoded(row, kind)]
     length_fault = Fault.TRUNCATED if size < FRAME_LENGTH else Fault.OVERLONG
     if length_fault in faults and size != FRAME_LENGTH:
-        return [*_undecoded_slots(row, kind), _length_damage(row, length_fault)]
+        return [*_undecoded(row, kind), _length_damage(row, length_fault)]
     fault = Fault.NOISE if Fault.NOISE in faults else next(iter(faults), None)
     return [_explained(row, range(size), "noise", fault=fault)]
 
@@ -247,24 +247,17 @@ def _bit_meaning(field: Field, byte: int, bit: int) -> tuple[str, str]:
     )
 
 
-def _undecoded(row: Row, slot: _Slot, offsets: range) -> ExplainedField:
-    """Bytes of a damaged frame: only a wrong header or tail is at fault."""
-    byte = f"{row.raw[offsets.start]:02X}"
-    fault, wanted = {
-        "header": (Fault.BAD_HEADER, _HEADERS),
-        "tail": (Fault.BAD_TAIL, [f"{TAIL:02X}"]),
-    }.get(slot.name, (None, []))
-    note = _expected(listed(wanted, Joint.OR), byte) if wanted else ""
-    own = None if byte in wanted else fault
-    return _explained(row, offsets, slot.name, slot.meaning, fault=own, note=note)
-
-
-def _undecoded_slots(row: Row, kind: FrameKind | None) -> Iterator[ExplainedField]:
-    """The slots of a frame as far as the row has bytes."""
+def _undecoded(row: Row, kind: FrameKind | None) -> Iterator[ExplainedField]:
+    """A damaged frame as far as it has bytes: only a wrong header or tail is at fault."""
+    limited = {"header": (Fault.BAD_HEADER, _HEADERS), "tail": (Fault.BAD_TAIL, [f"{TAIL:02X}"])}
     for slot in _layout(kind):
         offsets = range(slot.offsets.start, min(slot.offsets.stop, len(row.raw)))
         if offsets:
-            yield _undecoded(row, slot, offsets)
+            byte = f"{row.raw[offsets.start]:02X}"
+            fault, wanted = limited.get(slot.name, (None, [byte]))
+            own = None if byte in wanted else fault
+            note = _expected(listed(wanted, Joint.OR), byte)
+            yield _explained(row, offsets, slot.name, slot.meaning, fault=own, note=note)
 
 
 def _length_damage(row: Row, fault: Fault) -> ExplainedField:

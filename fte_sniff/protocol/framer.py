@@ -259,17 +259,17 @@ class Framer:
         order = np.argsort(offset, kind="stable")
         offset = offset[order]
         length = np.concatenate([(stop - start)[is_row], noise_length])[order]
-        faults = np.concatenate([faults[is_row], is_noise * _NOISE])[order]
+        faults = np.concatenate([faults[is_row], is_noise * _BITS[Fault.NOISE]])[order]
         framed = np.concatenate([framed[is_row], ~is_noise])[order]
         raw = _bytes_of(data, offset, length)
         unusual, self._zeros = unusual_reserves(raw, framed & (faults == 0), self._zeros)
-        faults[unusual] |= _RESERVED
+        faults[unusual] |= _BITS[Fault.RESERVED_NONZERO]
         offset = offset + self._base
         for error in self._errors:
             low, high = np.searchsorted(offset, error).tolist()
             if low == 0 or offset[low - 1] + length[low - 1] > error[0]:
                 low = max(0, low - 1)
-            faults[low:high] |= _LINE_ERROR
+            faults[low:high] |= _BITS[Fault.LINE_ERROR]
         t_ns, delay_ns = self._times.began(offset)
         return Rows.blank(
             len(offset), self._ports, t_ns=t_ns, offset=offset, delay_ns=delay_ns,
@@ -296,19 +296,9 @@ def _bytes_of(data: Codes, offset: Ints, length: Ints) -> Codes:
 
 # What is wrong with a segment
 
-_NOISE, _RESERVED, _LINE_ERROR, _AMBIGUOUS, _UNKNOWN_CMD = (
-    fault_bits([fault])
-    for fault in (
-        Fault.NOISE,
-        Fault.RESERVED_NONZERO,
-        Fault.LINE_ERROR,
-        Fault.AMBIGUOUS,
-        Fault.UNKNOWN_CMD,
-    )
-)
+_BITS: Final = {fault: fault_bits([fault]) for fault in Fault}
 _DAMAGES: Final = [
-    fault_bits([fault])
-    for fault in (Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL)
+    _BITS[fault] for fault in (Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL)
 ]
 _OFFSETS: Final = np.arange(FRAME_LENGTH)
 
@@ -317,9 +307,9 @@ def _field_faults() -> Array:
     """By kind and offset: the fault of an illegal byte there."""
     found = np.zeros((len(KINDS), FRAME_LENGTH), np.uint16)
     for code, kind in enumerate(KINDS):
-        found[code, kind.reserved.start : kind.reserved.stop] = _RESERVED
+        found[code, kind.reserved.start : kind.reserved.stop] = _BITS[Fault.RESERVED_NONZERO]
         for field in kind.fields:
-            found[code, field.start] = fault_bits([field.fault] if field.fault else [])
+            found[code, field.start] = _BITS[field.fault] if field.fault else 0
     return found
 
 
@@ -348,7 +338,7 @@ def frame_faults(raw: Codes) -> Array:
     known = np.minimum(kinds, NO_KIND - 1)
     is_illegal = ~LEGAL[known[:, None], _OFFSETS, raw]
     found = np.bitwise_or.reduce(np.where(is_illegal, _FIELD_FAULTS[known], 0), axis=1)
-    found[kinds == NO_KIND] = _UNKNOWN_CMD
-    found[found == 0] = _AMBIGUOUS
+    found[kinds == NO_KIND] = _BITS[Fault.UNKNOWN_CMD]
+    found[found == 0] = _BITS[Fault.AMBIGUOUS]
     faults: Array = found.astype(np.uint16)
     return faults
