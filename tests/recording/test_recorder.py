@@ -17,6 +17,7 @@ from fte_sniff.recording import recorder as recorder_module
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
+from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 from tests.recording.samples import (
     BOTH,
@@ -299,12 +300,14 @@ def test_files_of_an_earlier_capture_are_kept(tmp_path: Path) -> None:
     first.write_bytes(b"precious")
     with pytest.raises(FileError, match=r"x_00001\.mcap exists"):
         Recorder(path, [FIRST], options=ROTATED)
-    first.rename(second)
+    first.unlink()
+    RecordingWriter(second, [FIRST], {"previous": first.name, "start": "earlier"}).close()
+    before = second.read_bytes()
     recorder = Recorder(path, BOTH, options=ROTATED)
     rows = some_rows(400, BOTH)
     flush_each(recorder, rows)
     recorder.close()
-    assert second.read_bytes() == b"precious"
+    assert second.read_bytes() == before
     assert recorder.path == tmp_path / "x_00002-2.mcap"
     assert rows_in(first) + rows_in(recorder.path) == rows
     assert Recording(first).find_next() == recorder.path
