@@ -158,17 +158,12 @@ class Divided(NamedTuple):
 class Gaps(NamedTuple):
     """Some gaps of a buffer, in columns."""
 
-    start: Ints
-    stop: Ints
-    is_open_before: Bools
+    start: Array
+    stop: Array
+    is_open_before: Array
     """Whether a frame may have begun before the gap."""
-    is_open_after: Bools
+    is_open_after: Array
     """Whether a frame may reach over the end of the gap."""
-
-    def select(self, gaps: Ints) -> Gaps:
-        """The gaps with these numbers."""
-        before, after = self.is_open_before[gaps], self.is_open_after[gaps]
-        return Gaps(self.start[gaps], self.stop[gaps], before, after)
 
 
 def divide(data: Array, gaps: Gaps) -> Divided:
@@ -177,12 +172,11 @@ def divide(data: Array, gaps: Gaps) -> Divided:
     parts = []
     for at in range(0, len(order), _MOST_GAPS):
         own = order[at : at + _MOST_GAPS]
-        found = _divide(data, gaps.select(own))
+        found = _divide(data, Gaps(*(column[own] for column in gaps)))
         parts.append(found._replace(gap=own[found.gap]))
     if not parts:
         return Divided(order, order, order, np.zeros(0))
-    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return Divided(*columns)
+    return Divided(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _divide(data: Array, gaps: Gaps) -> Divided:

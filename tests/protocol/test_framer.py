@@ -176,21 +176,6 @@ def test_case(name: str) -> None:
     _check(case + TRAILING, rows_of(_bytes(case + TRAILING)))
 
 
-FRAMED = {
-    frozenset[Fault](),
-    *(frozenset([fault]) for fault in (Fault.AMBIGUOUS, Fault.UNKNOWN_CMD, Fault.RESERVED_NONZERO)),
-    *(frozenset([fault]) for fault in (Fault.BAD_MOTOR, Fault.UNDEFINED_FLAGS)),
-    frozenset([Fault.BAD_MOTOR, Fault.UNDEFINED_FLAGS]),
-}
-
-
-def test_framed_rows_have_a_header_and_a_tail_and_no_other_row_is_framed() -> None:
-    for case in CASES.values():
-        for row in rows_of(_bytes(case)):
-            assert row.framed == (frozenset(row.faults) in FRAMED)
-            assert not row.framed or (row.raw[0] in HEADER_BYTES and row.raw[-1] == TAIL)
-
-
 UNDECIDABLE = bytes.fromhex("AA 02 03 EE AA 02 01 03 E8 EE")
 """Repeated, it is also the repetition of another frame.
 
@@ -230,6 +215,9 @@ def test_a_frame_may_be_repeated_for_ever() -> None:
 # Properties
 
 
+DAMAGES = {Fault.NOISE, Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL}
+
+
 @examples(150)
 @given(raw_bytes, st.integers(1, 50))
 def test_rows_cover_the_stream(data: bytes, size: int) -> None:
@@ -237,7 +225,12 @@ def test_rows_cover_the_stream(data: bytes, size: int) -> None:
     for row in rows:
         assert (row.port, row.offset) == ("p", at)
         assert 1 <= len(row.raw) <= MOST_BYTES
-        assert len(row.raw) == FRAME_LENGTH or not row.framed
+        if row.framed:
+            assert len(row.raw) == FRAME_LENGTH
+            assert (row.raw[0] in HEADER_BYTES, row.raw[-1]) == (True, TAIL)
+            assert DAMAGES.isdisjoint(row.faults)
+        else:
+            assert not DAMAGES.isdisjoint(row.faults)
         at += len(row.raw)
     assert b"".join(row.raw for row in rows) == data
 
