@@ -5,7 +5,8 @@
 
 The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; its present name and
 the one before 2025 are equal in what is used here. A web page that the user visits can connect to
-any port of this machine, so the library checks the Origin that a browser sends.
+any port of this machine, also by a name that leads there: the library checks the Origin that a
+browser sends, and `_refused` the Host.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import struct
 from base64 import b64encode
 from collections.abc import Collection, Coroutine, Sequence
 from contextlib import suppress
+from http import HTTPStatus
 from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -30,6 +32,7 @@ from fte_sniff.protocol import PortEvent
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection
+    from websockets.http11 import Request, Response
 
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.protocol.rows import Rows
@@ -51,6 +54,16 @@ _THIS_MACHINE: Final = re.compile(
     r"file://|https?://(localhost|127(\.[0-9]+){3}|\[::1\])(:[0-9]+)?"
 )
 """Origins of files and of pages of this machine."""
+_NUMERIC: Final = re.compile(r"localhost|[0-9.]+|\[[0-9a-f:.]+\]")
+
+
+def allows_host(host: str, bound: str) -> bool:
+    """Whether a request names this server: by an IP address, as localhost, or as it is bound.
+
+    Another name is that of a web page whose server lets its name lead to this machine.
+    """
+    name = re.sub(r":[0-9]*$", "", host).lower()
+    return name == bound.lower() or _NUMERIC.fullmatch(name) is not None
 
 
 class FoxgloveServer(Observer):
@@ -75,7 +88,7 @@ class FoxgloveServer(Observer):
             raise UsageError(
                 f"--serve needs the package websockets: {install_command('foxglove')}"
             ) from None
-        self._origins = origins
+        self._origins, self._name = origins, address[0]
         keys = ((port, topic.name) for port in ports for topic in TOPICS)
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
@@ -131,6 +144,7 @@ class FoxgloveServer(Observer):
         return await serve(
             self._serve,
             sock=listening,
+            process_request=self._refused,
             origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
             subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
             compression=None,
@@ -138,6 +152,13 @@ class FoxgloveServer(Observer):
             close_timeout=_CLOSE_S,
             logger=own,
         )
+
+    def _refused(self, connection: ServerConnection, request: Request) -> Response | None:
+        """The answer to a request for another host; None for others."""
+        hosts = request.headers.get_all("Host")
+        if all(allows_host(host, self._name) for host in hosts):
+            return None
+        return connection.respond(HTTPStatus.FORBIDDEN, f"this is not {', '.join(hosts)}\n")
 
     async def _serve(self, connection: ServerConnection) -> None:
         """Serve one viewer until it leaves; a message that is not understood is skipped."""

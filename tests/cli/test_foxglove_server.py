@@ -20,6 +20,7 @@ from fte_sniff.cli.foxglove_server import (
     MOST_UNREAD,
     SUBPROTOCOLS,
     FoxgloveServer,
+    allows_host,
 )
 from fte_sniff.protocol import Fault, Row, Rows
 from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
@@ -282,3 +283,26 @@ def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) 
     assert "--serve needs the package websockets: " in errors
     assert re.search(r"install .*websockets", errors)
     assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "localhost.evil.example"])
+def test_name_that_leads_to_this_machine_is_refused(server: FoxgloveServer, host: str) -> None:
+    with pytest.raises(refusals.InvalidStatus) as refused:
+        viewer_at(server.url, additional_headers={"Host": host})
+    assert refused.value.response.status_code == 403
+
+
+@pytest.mark.parametrize(
+    ("host", "bound", "allowed"),
+    [
+        ("localhost:1", "127.0.0.1", True),
+        ("[::1]:1", "::1", True),
+        ("192.168.1.4:8765", "0.0.0.0", True),
+        ("Robot.Local:8765", "robot.local", True),
+        ("robot.local", "127.0.0.1", False),
+        ("[::1", "::1", False),
+        ("", "127.0.0.1", False),
+    ],
+)
+def test_host_is_an_address_or_the_bound_name(host: str, bound: str, allowed: bool) -> None:
+    assert allows_host(host, bound) == allowed
