@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fte_sniff.tui.app import SniffApp
-from tests.tui.conftest import CHARACTERS, ListFeed, lines, noise, play, press, speed_rows
+from tests.tui.conftest import CHARACTERS, ListFeed, lines, noise, play, press, settle, speed_rows
 from tests.waiting import BOUND_S
 
 KEYS = (
@@ -34,6 +34,7 @@ def shown_after(keys: Sequence[str], *, at_once: bool) -> tuple[list[str], objec
             while app._searched != app.view.store.known:
                 await asyncio.sleep(0.02)
         await app.workers.wait_for_complete()
+        await settle(app)
         for some in [" ".join(keys)] if at_once else keys:
             if app.is_running:
                 await press(app, some)
