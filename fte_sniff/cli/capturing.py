@@ -55,7 +55,7 @@ from fte_sniff.formats.writers import (
 )
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
-from fte_sniff.protocol.spec import Role
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 from fte_sniff.session.save import text_writer
@@ -353,7 +353,7 @@ class CaptureReport(Observer):
         """Count the rows; print the events, an error of the capture once, and each next file."""
         rows = update.rows
         self._tally.observe(rows)
-        self._is_wrong |= bool(rows.faults.any() or rows.field(Role.ERRORS)[0].any())
+        self._is_wrong |= bool(rows.faults.any() or rows.field(NAME_OF_ROLE[Role.ERRORS])[0].any())
         if self._intro is None:
             return
         for event in update.events:

@@ -143,7 +143,14 @@ def _restored(found: dict[str, Any]) -> Any:
     return TranslatableText(found["form"], **found["values"]) if "form" in found else found
 
 
-_START: Final = "from fte_sniff.__main__ import worker; worker()"
+# The folder of this package is first only for the package: it may have other modules.
+_START: Final = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from fte_sniff.__main__ import worker
+del sys.path[0]
+worker()
+"""
 
 
 def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
@@ -156,11 +163,11 @@ def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
     here = os.path.realpath("")
     path = [entry for entry in sys.path if os.path.realpath(entry) != here]
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", _START],
+        [sys.executable, "-P", "-c", _START, str(Path(__file__).parents[2])],
         bufsize=0,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([*path, str(Path(__file__).parents[2])])},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
     )
