@@ -1,7 +1,7 @@
 """Tables of a stream, one after the other, and the sum of what is counted in each.
 
 A table has the rows around its own that their relations may depend on: before them the last second
-and the last frame of every stream, after them a second. So its numbers are those of a single table
+and the last frames of every stream, after them a second. So its numbers are those of a single table
 of all rows, and counts add up, over the segments of a file, files, processes and machines.
 """
 

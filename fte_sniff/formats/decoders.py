@@ -20,7 +20,7 @@ from fte_sniff.protocol.framer import SETTLING_NS
 # Tables of the frames, for templates
 
 SETTLING_BYTES: Final = SETTLING_NS // spec.byte_time_ns(spec.DEFAULT_BAUD)
-"""Byte times of silence after which the begin of a frame is truncated, as in the framer."""
+"""Byte times of silence after which the begin of a frame is truncated; the framer waits longer."""
 
 _FACTS: Final[dict[str, object]] = {
     "LENGTH": spec.FRAME_LENGTH,

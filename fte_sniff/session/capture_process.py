@@ -56,7 +56,7 @@ _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 
 DRAIN_EVERY_NS = 40_000_000
 """Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
-flushed only after a batch."""
+flushed after a batch, or when a chunk is full."""
 
 MOST_UNDRAINED = 2**18
 """Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""

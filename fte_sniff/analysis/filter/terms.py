@@ -51,7 +51,7 @@ EXAMPLES: Final = (
 """Working filters, each with its meaning."""
 
 FILTER_HELP: Final = "\n".join(_help())
-"""The language on one screen, for `--help` and the filter prompt."""
+"""The language on one screen, for `--filter help` and the filter prompt."""
 
 
 _LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
