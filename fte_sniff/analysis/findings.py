@@ -479,7 +479,7 @@ def _finding(series: _Series, own: slice, usual: float | None, score: float) -> 
 
 def _usually(share: float | None) -> TranslatableText:
     if share is None:
-        return TranslatableText("throughout the recording")
+        return TranslatableText("there are no others to compare with")
     if share < 0.0005:
         return TranslatableText("usually none")
     if share > 0.9995:
