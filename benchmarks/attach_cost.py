@@ -19,7 +19,8 @@ import tty
 
 from fte_sniff.capture.attach import Attachment
 from fte_sniff.capture.clock import Clock
-from fte_sniff.protocol import FRAME_LENGTH, Chunk
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import FRAME_LENGTH
 
 _TARGET = """
 import os, sys, time

@@ -21,7 +21,9 @@ from pathlib import Path
 
 from benchmarks.live_program import LiveProgram, Taken, taken
 from benchmarks.paced_line import PacedLine
-from fte_sniff.protocol import FRAME_LENGTH, PortEvent, Rows
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from fte_sniff.recording.reader import Recording
 
 BAUDS = (115_200, 921_600, 3_000_000)

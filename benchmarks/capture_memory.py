@@ -22,7 +22,7 @@ from benchmarks.paced_line import frames_of
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.source import Item, SourceEnd
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.session.control import CapturePlan
 from fte_sniff.session.live_session import LiveSession
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.live_program import LiveProgram
 from benchmarks.paced_line import CLOCK, PacedLine, Sent
-from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 from fte_sniff.recording.reader import Recording
 
 BYTE_NS = byte_time_ns(DEFAULT_BAUD)

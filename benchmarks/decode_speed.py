@@ -24,8 +24,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.recording_speed import PORTS, frame_pool
-from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from tests.support.faults import damaged_stream
 from tests.support.recorded_rows import write_recording
 

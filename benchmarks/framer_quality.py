@@ -14,7 +14,10 @@ from collections import Counter
 from random import Random
 from time import perf_counter
 
-from fte_sniff.protocol import FRAME_LENGTH, Chunk, Framer, Row
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from tests.support.columns import fed
 from tests.support.faults import PAYLOADS, RESERVES, Harm, damaged_stream, draw_frame
 from tests.support.score import labels, score

@@ -19,7 +19,9 @@ from random import Random
 from time import process_time
 
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_pattern, with_state_machine
-from fte_sniff.protocol import DEFAULT_BAUD, VALUE_FIELDS, Chunk, Framer, byte_time_ns
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import DEFAULT_BAUD, VALUE_FIELDS, byte_time_ns
 from fte_sniff.session.framing import SPAN_BYTES, rows_of_chunks
 from tests.support.faults import damaged_stream
 

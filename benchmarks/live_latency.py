@@ -23,7 +23,7 @@ from statistics import median, quantiles
 from tempfile import TemporaryDirectory
 
 from benchmarks.live_program import SIZE
-from fte_sniff.protocol import KIND_BY_NAME, encode
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 
 _BOUND_S = 60.0
 

@@ -30,7 +30,7 @@ from benchmarks.decode_speed import cost
 from benchmarks.recording_speed import frame_pool
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.log import Log
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from fte_sniff.session.framing import rows_of_chunks
 
 PART = 8

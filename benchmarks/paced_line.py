@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, byte_time_ns, encode
+from fte_sniff.protocol.spec import FRAME_LENGTH, KIND_BY_NAME, byte_time_ns, encode
 
 CLOCK = time.CLOCK_BOOTTIME
 """The clock of a capture."""

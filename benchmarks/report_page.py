@@ -20,7 +20,8 @@ from time import monotonic
 
 import numpy as np
 
-from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, MOTORS, Chunk, encode
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import FRAME_LENGTH, KIND_BY_NAME, MOTORS, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.session.framing import rows_of_chunks
 from tests.browser import drawn, open_browser

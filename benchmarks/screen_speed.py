@@ -296,8 +296,8 @@ def _screen(rows: int, text: str) -> None:
 
     from fte_sniff.analysis.feed import FeedState, FeedUpdate
     from fte_sniff.analysis.filter.row_filter import RowFilter
-    from fte_sniff.protocol import KIND_BY_NAME, Row, encode
-    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.protocol.rows import Row, Rows
+    from fte_sniff.protocol.spec import KIND_BY_NAME, encode
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 

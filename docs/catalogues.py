@@ -26,8 +26,9 @@ from fte_sniff.analysis.motors import Trouble
 from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS, PortEventKind, Status
-from fte_sniff.protocol.spec import Role
+from fte_sniff.protocol.columns import COLUMNS
+from fte_sniff.protocol.items import PortEventKind
+from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, Role, Status
 from fte_sniff.recording.output_file import STOPPED
 from fte_sniff.tui.cells import TimeStyle, event_words
 from fte_sniff.tui.commands import COMMANDS, SECTIONS

@@ -23,8 +23,10 @@ from textual.pilot import Pilot
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.capture.simulation import Simulation, parse_parameters
-from fte_sniff.protocol import DEFAULT_BAUD, Chunk, Framer
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.tui import status
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions

@@ -25,10 +25,12 @@ import fte_sniff
 from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.i18n import _, set_language
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, KINDS
+from fte_sniff.protocol.columns import COLUMNS
 from fte_sniff.protocol.spec import (
+    FAULT_MEANINGS,
     FRAME_LENGTH,
     HEADERS,
+    KINDS,
     TAIL,
     Direction,
     Field,

@@ -45,17 +45,11 @@ if TYPE_CHECKING:
         UsageError,
         ValueRangeError,
     )
-    from fte_sniff.protocol import (
-        KINDS,
-        Chunk,
-        Fault,
-        Framer,
-        PortEvent,
-        Row,
-        Status,
-        encode,
-        record,
-    )
+    from fte_sniff.protocol.columns import record
+    from fte_sniff.protocol.framer import Framer
+    from fte_sniff.protocol.items import Chunk, PortEvent
+    from fte_sniff.protocol.rows import Row
+    from fte_sniff.protocol.spec import KINDS, Fault, Status, encode
     from fte_sniff.session.measured import check, compare, findings, stats
     from fte_sniff.session.scan import read, scan
 
@@ -86,6 +80,18 @@ __all__ = [
 ]
 
 
+_MODULES = (
+    "errors",
+    "protocol.spec",
+    "protocol.items",
+    "protocol.columns",
+    "protocol.framer",
+    "session.scan",
+    "session.measured",
+)
+"""Where the public names are."""
+
+
 def __dir__() -> list[str]:
     """The public names, also before they are imported."""
     return __all__
@@ -96,7 +102,7 @@ def __getattr__(name: str) -> "Any":
     from importlib import import_module
 
     if name in __all__:
-        for path in ("errors", "protocol", "session.scan", "session.measured"):
+        for path in _MODULES:
             module = import_module(f"{__name__}.{path}")
             if hasattr(module, name):
                 return getattr(module, name)

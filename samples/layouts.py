@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from fte_sniff.protocol import MOTORS, Direction
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Direction, Role
 from fte_sniff.recording.schema import EVENTS, MALFORMED, TOPICS, Topic, value_fields
 
 _COLOURS = ("#d9822b", "#3a7bd5", "#3c9d5b", "#d03b3b")

@@ -22,21 +22,19 @@ from pathlib import Path
 
 import layouts
 
-from fte_sniff.protocol import (
+from fte_sniff.protocol.columns import iso_time, record
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     KIND_BY_NAME,
     MOTORS,
-    Chunk,
+    NAME_OF_ROLE,
     FrameKind,
-    Framer,
-    PortEvent,
-    PortEventKind,
+    Role,
     encode,
-    iso_time,
-    record,
 )
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import Existing, RecordingWriter

@@ -14,8 +14,9 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
 from fte_sniff.cli.live_data import datagram
-from fte_sniff.protocol import KINDS, MOTORS, Fault, PortEvent, PortEventKind, Row, encode
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, Fault, Role, encode
 
 LAYOUTS = Path(__file__).parents[1] / "samples" / "layouts"
 FOXGLOVE: dict[str, Any] = json.loads((LAYOUTS / "foxglove.json").read_text("utf-8"))

@@ -8,7 +8,8 @@ import pytest
 
 import fte_sniff
 from docs.links import PAGES, TOP, anchors, broken, tokens, unreached
-from fte_sniff.protocol import COLUMNS, KINDS, Fault, Status
+from fte_sniff.protocol.columns import COLUMNS
+from fte_sniff.protocol.spec import KINDS, Fault, Status
 from tests.protocol.document import EXAMPLES
 
 

@@ -34,7 +34,7 @@ from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.segments import summed as summed_counts
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import InputTextError, quoted
-from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType
 from fte_sniff.protocol.rows import Bools, Ints, Row
 from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Role, motor_bit
 

@@ -19,12 +19,7 @@ import numpy as np
 import polars as pl
 import polars.selectors as cs
 
-from fte_sniff.protocol import (
-    COLUMNS,
-    Column,
-    ColumnType,
-)
-from fte_sniff.protocol.columns import PREVIOUS
+from fte_sniff.protocol.columns import COLUMNS, PREVIOUS, Column, ColumnType
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
 

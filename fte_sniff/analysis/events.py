@@ -33,7 +33,7 @@ from fte_sniff.analysis.relations import (
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed, width_of
 from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
     KINDS,

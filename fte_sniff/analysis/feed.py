@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from fte_sniff.protocol import PortEvent
-from fte_sniff.protocol.items import Change
+from fte_sniff.protocol.items import Change, PortEvent
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 
 SPEEDS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)

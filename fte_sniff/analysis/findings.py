@@ -37,7 +37,7 @@ from fte_sniff.analysis.segments import Counts
 from fte_sniff.analysis.spans import MOST_SPANS, BadSpan, spans_of, surprise
 from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.i18n import later
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import (
     KINDS,

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from fte_sniff.protocol import Chunk, Direction, Fault, Framer, Row, Status
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import Direction, Fault, Status
 
 SOUND_SHARE: Final = 0.9
 """Share of bytes in readable frames from which a line is sound."""

@@ -21,7 +21,8 @@ from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, summed
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
-from fte_sniff.protocol import PortEventKind, iso_time
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from fte_sniff.protocol import Fault, Rows, Status, status_of
-from fte_sniff.protocol.rows import faults_in
+from fte_sniff.protocol.rows import Rows, faults_in
+from fte_sniff.protocol.spec import Fault, Status, status_of
 
 
 @dataclass

@@ -35,7 +35,7 @@ from fte_sniff.capture.port_errors import port_error
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
 from fte_sniff.capture.source import Connection, Item, Source
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
 _WRITES: Final = {
     **dict.fromkeys(("read", "readv", "pread64", "preadv", "preadv2"), False),

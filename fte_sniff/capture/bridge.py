@@ -40,7 +40,8 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.capture.source import Connection, Item, Source
 from fte_sniff.errors import FileError, TranslatableText, printable
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind, byte_time_ns
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.spec import byte_time_ns
 
 if TYPE_CHECKING:
     from fte_sniff.capture.simulation import SimulationParameters

@@ -15,7 +15,7 @@ import serial
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import LineErrorCounts, PortEvent, PortEventKind
+from fte_sniff.protocol.items import LineErrorCounts, PortEvent, PortEventKind
 
 if POSIX:
     import fcntl

@@ -23,7 +23,7 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.capture.source import Connection, Item, Reader, Source
 from fte_sniff.errors import TranslatableText, UsageError, printable
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ from fte_sniff.capture.port_errors import busy_error, check_name, port_error
 from fte_sniff.capture.url_handlers import NETWORK_LATENCY_NS, is_network
 from fte_sniff.errors import TranslatableText, UsageError, ValueRangeError, printable
 from fte_sniff.platform import POSIX, TerminalError
-from fte_sniff.protocol import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 
 if POSIX:
     import termios

@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Final
 
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
 DEFAULT_SILENCE_S: Final = 2.0
 """Seconds without a byte after which a wire is reported as silent."""

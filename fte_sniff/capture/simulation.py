@@ -24,17 +24,18 @@ from urllib.parse import parse_qsl
 import click
 
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import (
+from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
     KINDS,
     MOTORS,
     Direction,
     FrameKind,
+    Role,
     byte_time_ns,
     encode,
+    motor_bit,
 )
-from fte_sniff.protocol.spec import Role, motor_bit
 from fte_sniff.real_number import RealNumber
 
 # Motors

@@ -27,7 +27,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import RefusedError, one_line
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
 Item: TypeAlias = Chunk | PortEvent
 

@@ -13,8 +13,8 @@ from fte_sniff.cli.streams import NOT_BEGUN, STDOUT, abandon_stdout, ending_sign
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
-    from fte_sniff.protocol import PortEvent, Row
-    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.protocol.items import PortEvent
+    from fte_sniff.protocol.rows import Row, Rows
     from fte_sniff.session.control import CapturePlan
     from fte_sniff.session.live_session import LiveSession
 

@@ -54,8 +54,8 @@ from fte_sniff.formats.writers import (
     OutputFormat,
 )
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
-from fte_sniff.protocol import DEFAULT_BAUD, PortEvent, PortEventKind
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, Role
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 from fte_sniff.session.save import text_writer

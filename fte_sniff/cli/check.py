@@ -21,7 +21,8 @@ from fte_sniff.cli.options import format_option, grouped_command
 from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.protocol import Status, iso_time, spaced_hex
+from fte_sniff.protocol.columns import iso_time, spaced_hex
+from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import fields_json, finding_json, time_json
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _, set_language
-from fte_sniff.protocol import Status
+from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import comparison_json
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import list_format_option, seconds_from
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
-from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 EXIT_WRONG = 1
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import click
 
-from fte_sniff.protocol import KINDS, Field, FrameKind, encode, spaced_hex
+from fte_sniff.protocol.columns import spaced_hex
+from fte_sniff.protocol.spec import KINDS, Field, FrameKind, encode
 
 
 def integer(value: object) -> int:

@@ -28,7 +28,7 @@ from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.options import install_command
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, reason_of
-from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.items import PortEvent
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import Server, ServerConnection

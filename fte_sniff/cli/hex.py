@@ -15,7 +15,8 @@ from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, InputTextError, UsageError
 from fte_sniff.formats.plain_hex import is_hex_line, plain_hex
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
-from fte_sniff.protocol import Chunk, Rows
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.framing import rows_of_chunks
 from fte_sniff.session.save import text_writer
 

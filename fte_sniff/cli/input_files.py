@@ -48,7 +48,9 @@ from fte_sniff.errors import (
     unreadable,
 )
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Gap, Status, iso_time, status_of
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import Gap
+from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Status, status_of
 from fte_sniff.session.following import Follower, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (

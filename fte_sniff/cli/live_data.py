@@ -17,7 +17,9 @@ from fte_sniff.cli.options import all_of
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.writers import json_text
-from fte_sniff.protocol import PortEvent, Row, iso_time, record
+from fte_sniff.protocol.columns import iso_time, record
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Row
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate

@@ -18,7 +18,7 @@ from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.i18n import _
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol.columns import iso_time
 
 if TYPE_CHECKING:
     from rich.text import Text

@@ -34,8 +34,7 @@ from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
-from fte_sniff.protocol import MOTORS, Direction, Fault, status_of
-from fte_sniff.protocol.spec import FIELD_BY_NAME, VALUE_FIELDS
+from fte_sniff.protocol.spec import FIELD_BY_NAME, MOTORS, VALUE_FIELDS, Direction, Fault, status_of
 
 MOST_WINDOWS: Final = 2000
 _SHORTEST: Final = 20

@@ -23,7 +23,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import FileError, PortError, UsageError, printable
-from fte_sniff.protocol import DEFAULT_BAUD, Direction
+from fte_sniff.protocol.spec import DEFAULT_BAUD, Direction
 from fte_sniff.real_number import RealNumber
 
 _FIXED = {"host": "off", "wire": Direction.FEEDBACK.value}

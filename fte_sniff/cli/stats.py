@@ -25,8 +25,8 @@ from fte_sniff.cli.options import grouped_command
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.protocol import Status, iso_time
-from fte_sniff.protocol.columns import iso_time_ns
+from fte_sniff.protocol.columns import iso_time, iso_time_ns
+from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import Json, statistics_json
 
 if TYPE_CHECKING:

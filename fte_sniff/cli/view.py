@@ -28,7 +28,7 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals, progress_line
 from fte_sniff.errors import UsageError
-from fte_sniff.protocol import DEFAULT_BAUD
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.real_number import RealNumber
 
 

@@ -14,8 +14,9 @@ from types import MappingProxyType
 from typing import Final
 
 from fte_sniff.formats.pcapng import COMMENT
-from fte_sniff.protocol import KINDS, Fault, Field, FrameKind, Status, spec
+from fte_sniff.protocol import spec
 from fte_sniff.protocol.framer import SETTLING_NS
+from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind, Status
 
 # Tables of the frames, for templates
 

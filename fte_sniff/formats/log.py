@@ -35,14 +35,8 @@ from fte_sniff.formats.log_text import LONGEST_LINE, LogText, is_text
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    HEADERS,
-    Chunk,
-    Direction,
-    byte_time_ns,
-)
-from fte_sniff.protocol.spec import KINDS, TAIL
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Direction, byte_time_ns
 
 # Forms of bytes
 

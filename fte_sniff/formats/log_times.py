@@ -20,7 +20,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from fte_sniff.protocol import DEFAULT_BAUD, iso_time
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 _SECOND: Final = 10**9
 _DAY: Final = 86_400 * _SECOND

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from fte_sniff.protocol import Row, Status
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import Status
 
 
 class Look(NamedTuple):

@@ -18,7 +18,9 @@ from struct import pack
 from typing import BinaryIO, Final
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Direction, Row, faults_text
+from fte_sniff.protocol.columns import faults_text
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import Direction
 
 LINK_TYPE: Final = 252
 """LINKTYPE_WIRESHARK_UPPER_PDU: exported PDUs, which name their dissector."""

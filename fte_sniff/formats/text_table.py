@@ -14,17 +14,10 @@ import click
 
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS, mark_of
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    KINDS,
-    Row,
-    Status,
-    faults_text,
-    iso_time,
-    spaced_hex,
-    status_of,
-)
+from fte_sniff.protocol.columns import faults_text, iso_time, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, Status, status_of
 
 GAP: Final = "  "
 _CLOCK: Final = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))

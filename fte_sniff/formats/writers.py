@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TextIO
 
 from fte_sniff.errors import printable
-from fte_sniff.protocol import COLUMN_BY_NAME, iso_time
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, iso_time
 
 if TYPE_CHECKING:
     import polars as pl

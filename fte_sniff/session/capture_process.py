@@ -29,8 +29,10 @@ from fte_sniff.capture.silence import SilenceWatch
 from fte_sniff.capture.source import Source, SourceEnd
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import HANG_UP
-from fte_sniff.protocol import Chunk, Direction, Framer, PortEvent, PortEventKind
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import Direction
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.control import CapturePlan, CaptureState

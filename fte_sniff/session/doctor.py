@@ -34,7 +34,7 @@ from fte_sniff.capture.serial_port import (
     request_low_latency,
 )
 from fte_sniff.errors import PortError, printable
-from fte_sniff.protocol import Direction
+from fte_sniff.protocol.spec import Direction
 
 
 class Level(StrEnum):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import Final
 
 from fte_sniff.errors import FileError, Joint, TranslatableText, listed
-from fte_sniff.protocol import Gap, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Item
 from fte_sniff.recording.chunks import ChunkRef
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange

@@ -16,15 +16,10 @@ from typing import BinaryIO, Final
 import numpy as np
 
 from fte_sniff.errors import FteSniffError, InputTextError, unreadable
-from fte_sniff.protocol import (
-    DEFAULT_BAUD,
-    FRAME_LENGTH,
-    Chunk,
-    Fault,
-    Framer,
-    byte_time_ns,
-)
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Fault, byte_time_ns
 from fte_sniff.session.merge import EVER, Lane, Merge
 
 SPAN_BYTES: Final = 1 << 19

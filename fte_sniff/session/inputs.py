@@ -32,19 +32,10 @@ from fte_sniff.errors import (
 )
 from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log_text import is_text
-from fte_sniff.protocol import (
-    DEFAULT_BAUD,
-    Chunk,
-    Direction,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    byte_time_ns,
-    iso_time,
-)
-from fte_sniff.protocol.items import BaudChange
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD, Direction, byte_time_ns
 from fte_sniff.recording.chunks import ChunkRef
 from fte_sniff.recording.metadata import Part, PortFacts, Selection, part_of
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange

@@ -18,7 +18,7 @@ from threading import Event, Thread
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FileError, PortError, TranslatableText
-from fte_sniff.protocol import Gap, GapKind
+from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.control import CapturePlan, CaptureState, send, start

@@ -20,7 +20,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from fte_sniff.protocol import PortEvent
+from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import Bools, Ints, Item, Rows
 
 NEVER: Final = -(2**63)

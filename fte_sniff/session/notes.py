@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import FileError, TranslatableText, reason_of
 from fte_sniff.platform import open_flags
-from fte_sniff.protocol import Row, iso_time
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.rows import Row
 
 if TYPE_CHECKING:
     from fte_sniff.protocol.rows import Rows

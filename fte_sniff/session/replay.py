@@ -12,8 +12,7 @@ import numpy as np
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.errors import FteSniffError, TranslatableText
-from fte_sniff.protocol import Gap, GapKind, PortEvent
-from fte_sniff.protocol.items import Change
+from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.following import Follower
 from fte_sniff.session.merge import EVER

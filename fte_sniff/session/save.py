@@ -21,7 +21,8 @@ from fte_sniff.formats.writers import (
     write_csv,
     write_jsonl,
 )
-from fte_sniff.protocol import Gap, PortEvent, spaced_hex
+from fte_sniff.protocol.columns import spaced_hex
+from fte_sniff.protocol.items import Gap, PortEvent
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.output_file import Existing, OutputFile, file_names
 

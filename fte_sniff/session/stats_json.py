@@ -13,7 +13,8 @@ from fte_sniff.analysis.compare import Comparison, Number
 from fte_sniff.analysis.findings import Cause, Finding, Report
 from fte_sniff.analysis.statistics import statistics
 from fte_sniff.analysis.table import MOTOR
-from fte_sniff.protocol import DEFAULT_BAUD, iso_time
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.segments import Counts

@@ -31,7 +31,7 @@ from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import LANGUAGES, THEMES, _, choice_after, set_language, switch_language
 from fte_sniff.platform import POSIX
-from fte_sniff.protocol import zone_at
+from fte_sniff.protocol.columns import zone_at
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.commands import COMMANDS, FOOTER, Needs

@@ -21,22 +21,17 @@ from fte_sniff.formats.cell_text import (
     short_names,
 )
 from fte_sniff.i18n import ExplainedWord, _, later
-from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, ColumnType, Value, spaced_hex
+from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import (
+    FIELD_BY_NAME,
     FRAME_LENGTH,
     VALUE_FIELDS,
-    ColumnType,
     Direction,
     Field,
     FrameKind,
-    Gap,
-    PortEvent,
-    PortEventKind,
-    Value,
-    spaced_hex,
 )
-from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import FIELD_BY_NAME
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.line_setup import LineSetup

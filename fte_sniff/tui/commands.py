@@ -15,7 +15,7 @@ from typing import Final
 from textual.keys import format_key
 
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import MOTORS
+from fte_sniff.protocol.spec import MOTORS
 
 
 class Needs(Flag):

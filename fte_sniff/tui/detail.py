@@ -19,10 +19,10 @@ from fte_sniff.analysis.relations import AnswerState
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import Status, iso_time, spaced_hex, status_of
+from fte_sniff.protocol.columns import iso_time, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedBit, ExplainedField, dissect, explain
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import NAME_OF_ROLE, Role
+from fte_sniff.protocol.spec import NAME_OF_ROLE, Role, Status, status_of
 from fte_sniff.tui.cells import span_text, turns_text
 from fte_sniff.tui.pages import Context, Page, text_of
 from fte_sniff.tui.painter import BOLD, REVERSED, UNDERLINED, Palette, Sign

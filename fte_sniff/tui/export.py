@@ -16,7 +16,7 @@ from platformdirs import user_cache_path
 from fte_sniff.errors import FileError, FteSniffError, reason_of
 from fte_sniff.formats.text_table import TableWriter
 from fte_sniff.i18n import _, error_text, later
-from fte_sniff.protocol import spaced_hex
+from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.session.save import (

@@ -13,7 +13,7 @@ from fte_sniff.analysis.findings import Finding
 from fte_sniff.errors import TranslatableText
 from fte_sniff.formats.cell_text import clock_text
 from fte_sniff.i18n import _
-from fte_sniff.protocol import Status
+from fte_sniff.protocol.spec import Status
 from fte_sniff.tui.pages import Context, ListPage, text_of
 from fte_sniff.tui.painter import REVERSED
 

@@ -19,8 +19,8 @@ from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import COLUMNS, FAULT_MEANINGS, MOTORS, status_of
-from fte_sniff.protocol.spec import online_bit_text
+from fte_sniff.protocol.columns import COLUMNS
+from fte_sniff.protocol.spec import FAULT_MEANINGS, MOTORS, online_bit_text, status_of
 from fte_sniff.tui.cells import RAISED_MARK, TimeStyle
 from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.detail import UNCERTAIN_ORDER

@@ -21,9 +21,16 @@ from fte_sniff.formats.cell_text import (
 )
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
-from fte_sniff.protocol import KINDS, VALUE_FIELDS, Direction, Status
 from fte_sniff.protocol.rows import Ints, Rows
-from fte_sniff.protocol.spec import FIELD_BY_NAME, NAME_OF_ROLE, Role
+from fte_sniff.protocol.spec import (
+    FIELD_BY_NAME,
+    KINDS,
+    NAME_OF_ROLE,
+    VALUE_FIELDS,
+    Direction,
+    Role,
+    Status,
+)
 from fte_sniff.tui.cells import RAISED_MARK, span_text
 from fte_sniff.tui.curves import HOLD_NS, SCALE_CELLS, Curves, dots_across, held, plot, time_axis
 from fte_sniff.tui.pages import Context, Page, text_of

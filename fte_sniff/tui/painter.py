@@ -20,17 +20,10 @@ from textual.strip import Strip
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.looks import LOOKS, mark_of
 from fte_sniff.i18n import ExplainedWord
-from fte_sniff.protocol import (
-    FRAME_LENGTH,
-    Direction,
-    Status,
-    Value,
-    record,
-    spaced_hex,
-    status_of,
-)
+from fte_sniff.protocol.columns import Value, record, spaced_hex
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FRAME_LENGTH, Direction, Status, status_of
 from fte_sniff.tui.cells import (
     RAISED_MARK,
     TableColumn,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from fte_sniff.analysis.store import STEP_ROWS, Matches, RowStore
-from fte_sniff.protocol import Gap, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import printable, size_text
 from fte_sniff.formats.cell_text import fit, fit_path
 from fte_sniff.i18n import _
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.tui.cells import event_text
 
 NAME: Final = "fte-sniff"

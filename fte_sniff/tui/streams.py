@@ -21,8 +21,8 @@ from fte_sniff.errors import listed, printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _, later
-from fte_sniff.protocol import KINDS, Fault, FrameKind, Status, status_of
 from fte_sniff.protocol.rows import fault_bits
+from fte_sniff.protocol.spec import KINDS, Fault, FrameKind, Status, status_of
 from fte_sniff.tui.cells import event_words, short_kind, span_text, value_parts
 from fte_sniff.tui.pages import Context, ListPage
 from fte_sniff.tui.painter import PLAIN, REVERSED

@@ -18,8 +18,7 @@ from textual.widget import Widget
 from fte_sniff.analysis.motors import MotorState, Reading, Trouble
 from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
 from fte_sniff.i18n import _
-from fte_sniff.protocol import MOTORS, Direction, Status
-from fte_sniff.protocol.spec import FIELD_BY_NAME
+from fte_sniff.protocol.spec import FIELD_BY_NAME, MOTORS, Direction, Status
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette
 
 LOW: Final = 20

@@ -23,10 +23,9 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from fte_sniff.formats.cell_text import fit
-from fte_sniff.protocol import FRAME_LENGTH
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import NO_TIME, Row, Rows
-from fte_sniff.protocol.spec import NUM_OFFSET
+from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
 from fte_sniff.tui.cells import (
     TableColumn,
     TableView,

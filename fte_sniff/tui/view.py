@@ -15,9 +15,9 @@ from fte_sniff.analysis.motors import MotorState, motors_at
 from fte_sniff.analysis.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.store import RowStore
 from fte_sniff.analysis.tally import Rate, Tally
-from fte_sniff.protocol import DEFAULT_BAUD, GapKind, PortEventKind, byte_time_ns
-from fte_sniff.protocol.items import BaudChange
+from fte_sniff.protocol.items import BaudChange, GapKind, PortEventKind
 from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 from fte_sniff.tui.shown import Shown
 
 if TYPE_CHECKING:

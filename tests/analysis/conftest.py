@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import FRAME_LENGTH, HEADERS, KINDS, TAIL, Fault, Row
-from fte_sniff.protocol.rows import MOST_BYTES, fault_bits, faults_in
+from fte_sniff.protocol.rows import MOST_BYTES, Row, fault_bits, faults_in
+from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Fault
 
 PORTS = st.sampled_from(["/dev/ttyUSB0", "COM3", "日志.hex"]) | st.text(max_size=5)
 OFFSETS = st.integers(0, 2**62)

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, column_dtype, row_frame, table_frame
-from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, ColumnType, Fault, Row, record
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, record
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Fault
 
 ROWS = st.lists(st.from_type(Row), max_size=12)
 

@@ -30,8 +30,7 @@ from fte_sniff.analysis.findings import find as find_counted
 from fte_sniff.analysis.segments import segments, summed
 from fte_sniff.analysis.spans import spans_of
 from fte_sniff.analysis.table import Table
-from fte_sniff.protocol import PortEvent, PortEventKind
-from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from tests.analysis import captures as some

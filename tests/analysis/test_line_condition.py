@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.line_condition import LineCondition, diagnose
-from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+from fte_sniff.protocol.spec import DEFAULT_BAUD, KINDS, Direction
 from fte_sniff.session.doctor import COMMON_BAUDS
 from tests.slow import first
 from tests.support.faults import damaged_stream, draw_frame, ordinary

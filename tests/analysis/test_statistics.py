@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import Direction, Fault, Status

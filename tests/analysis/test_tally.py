@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.tally import Rate, Tally
-from fte_sniff.protocol import Row, Status
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Status
 
 SECOND = 1_000_000_000
 

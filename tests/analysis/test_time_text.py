@@ -20,7 +20,7 @@ from fte_sniff.analysis.time_text import (
     zone_of,
 )
 from fte_sniff.errors import InputTextError
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol.columns import iso_time
 
 NOON_NS = 1_769_860_800 * SECOND_NS
 """2026-01-31T12:00:00Z."""

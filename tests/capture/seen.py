@@ -10,7 +10,7 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.source import Item, Source
-from fte_sniff.protocol import Chunk, PortEvent
+from fte_sniff.protocol.items import Chunk, PortEvent
 from tests.beside import Work
 from tests.pseudo_terminals import Pty
 from tests.waiting import wait_until

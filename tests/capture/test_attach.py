@@ -24,7 +24,8 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import holders_of
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Chunk, Framer
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
 from tests.beside import Process, Work, held, running
 from tests.capture.seen import Seen
 from tests.support.columns import fed

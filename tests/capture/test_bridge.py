@@ -20,15 +20,9 @@ from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import SimulationParameters
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
-from fte_sniff.protocol import (
-    DEFAULT_BAUD,
-    KIND_BY_NAME,
-    MOTORS,
-    Chunk,
-    Framer,
-    byte_time_ns,
-    encode,
-)
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import DEFAULT_BAUD, KIND_BY_NAME, MOTORS, byte_time_ns, encode
 from tests.beside import Work
 from tests.capture.seen import CLOCK, Adapter, Seen
 from tests.pseudo_terminals import Pty

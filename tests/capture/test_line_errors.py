@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fte_sniff.capture.line_errors import REPORT_NS, LineErrors, counters_of, parsed
 from fte_sniff.capture.serial_port import open_port
-from fte_sniff.protocol import LineErrorCounts
+from fte_sniff.protocol.items import LineErrorCounts
 from tests.capture.seen import Seen, opened
 
 KINDS = ("framing", "parity", "breaks", "overruns", "buffer_overruns")

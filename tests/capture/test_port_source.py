@@ -15,7 +15,7 @@ from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
-from fte_sniff.protocol import Chunk
+from fte_sniff.protocol.items import Chunk
 from tests.beside import Work, held, running, server_socket
 from tests.capture.seen import CLOCK, Seen, opened
 

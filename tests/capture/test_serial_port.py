@@ -21,7 +21,7 @@ from fte_sniff.capture.serial_port import (
 )
 from fte_sniff.capture.url_handlers import protocol_socket
 from fte_sniff.errors import PortError, ValueRangeError
-from fte_sniff.protocol import byte_time_ns
+from fte_sniff.protocol.spec import byte_time_ns
 from tests.beside import Work, server_socket
 
 

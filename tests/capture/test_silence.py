@@ -6,7 +6,7 @@ import pytest
 
 from fte_sniff.analysis.filter.row_filter import SilenceAlert
 from fte_sniff.capture.silence import SilenceWatch
-from fte_sniff.protocol import Chunk, PortEvent
+from fte_sniff.protocol.items import Chunk, PortEvent
 from fte_sniff.protocol.rows import NO_ROWS
 
 MS = 1_000_000

@@ -17,15 +17,10 @@ from fte_sniff.capture.simulation import (
     parse_parameters,
 )
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    MOTORS,
-    Chunk,
-    Framer,
-    Row,
-    Status,
-    byte_time_ns,
-)
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import KIND_BY_NAME, MOTORS, Status, byte_time_ns
 from tests.examples import examples
 from tests.support.columns import fed
 from tests.support.faults import frame_faults

@@ -10,7 +10,7 @@ import pytest
 from fte_sniff.capture import source as module
 from fte_sniff.capture.source import Connection, Item, Source, SourceEnd
 from fte_sniff.errors import FileError, PortError
-from fte_sniff.protocol import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from tests.capture.seen import CLOCK, Seen
 from tests.waiting import BOUND_S, wait_until
 

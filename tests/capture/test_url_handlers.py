@@ -17,7 +17,9 @@ from fte_sniff.capture.serial_port import open_port, reader_of, writer_of
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.url_handlers import NETWORK, SCHEMES
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import KIND_BY_NAME, Chunk, Framer, encode
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from tests.beside import server_socket
 from tests.rfc2217_server import serving
 from tests.support.columns import fed

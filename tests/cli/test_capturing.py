@@ -18,7 +18,7 @@ from typing import IO
 
 import pytest
 
-from fte_sniff.protocol import PortEventKind
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.live_session import END_WITHIN_S
 from tests.beside import running

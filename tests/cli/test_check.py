@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import KIND_BY_NAME, Row, encode
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from tests.beside import running
 from tests.cli.conftest import ROOT

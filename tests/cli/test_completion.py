@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import COLUMNS
+from fte_sniff.protocol.columns import COLUMNS
 from tests.cli.conftest import SAMPLES
 from tests.cli.terminals import controlling_terminal, terminal
 

@@ -15,16 +15,10 @@ import pytest
 from mcap.records import Metadata
 from mcap.writer import Writer
 
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-    iso_time,
-)
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter

@@ -13,7 +13,7 @@ from random import Random
 
 import pytest
 
-from fte_sniff.protocol import DEFAULT_BAUD, KINDS, Direction
+from fte_sniff.protocol.spec import DEFAULT_BAUD, KINDS, Direction
 from tests.beside import Work
 from tests.cli.conftest import Run
 from tests.slow import first

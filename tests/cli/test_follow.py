@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import Chunk, Framer, Row
 from fte_sniff.protocol.columns import DERIVED
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
 from tests.beside import running
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import (

@@ -22,7 +22,8 @@ from fte_sniff.cli.foxglove_server import (
     FoxgloveServer,
     allows_host,
 )
-from fte_sniff.protocol import Fault, Row, Rows
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fte_sniff.protocol import KINDS, FrameKind, encode
+from fte_sniff.protocol.spec import KINDS, FrameKind, encode
 from tests.cli.processes import started
 from tests.cli.terminals import terminal
 from tests.protocol.document import EXAMPLES, Example

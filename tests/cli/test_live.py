@@ -17,7 +17,9 @@ from time import monotonic
 import pytest
 
 from fte_sniff.cli.streams import NOT_BEGUN
-from fte_sniff.protocol import FRAME_LENGTH, PortEventKind, Rows
+from fte_sniff.protocol.items import PortEventKind
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from fte_sniff.recording.reader import Recording
 from tests.beside import Work, running, server_socket
 from tests.cli.conftest import decoded

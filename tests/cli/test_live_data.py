@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import iso_time
+from fte_sniff.protocol.columns import iso_time
 from fte_sniff.recording.schema import topic_of
 from tests.cli.conftest import decoded
 from tests.support.columns import read_rows, without_facts

@@ -9,13 +9,9 @@ from pathlib import Path
 import pytest
 
 import fte_sniff
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    PortEvent,
-    PortEventKind,
-    encode,
-)
+from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal

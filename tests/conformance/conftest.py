@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.protocol import PortEvent, PortEventKind, Row
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Row
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.conformance.python_readers import mcap_lines, rerun_lines

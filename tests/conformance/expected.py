@@ -9,7 +9,8 @@ left out. This must not use the code that writes messages, since it is what that
 from collections.abc import Iterable
 from hashlib import sha256
 
-from fte_sniff.protocol import PortEvent, Row
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Row
 from fte_sniff.recording.schema import EVENTS, MALFORMED, topic_of
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.foxglove_server import FoxgloveServer
-from fte_sniff.protocol import PortEvent, PortEventKind
+from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing

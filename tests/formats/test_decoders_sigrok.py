@@ -15,8 +15,17 @@ from random import Random
 import pytest
 
 from fte_sniff.formats.decoders import SETTLING_BYTES, sigrok_decoder
-from fte_sniff.protocol import DEFAULT_BAUD, FRAME_LENGTH, Row, encode, spaced_hex
-from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind
+from fte_sniff.protocol.columns import spaced_hex
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import (
+    DEFAULT_BAUD,
+    FRAME_LENGTH,
+    KINDS,
+    Fault,
+    Field,
+    FrameKind,
+    encode,
+)
 from tests.recording.conftest import some_rows
 from tests.slow import first
 from tests.support.tools import needs

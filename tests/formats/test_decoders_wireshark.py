@@ -12,8 +12,9 @@ import pytest
 from fte_sniff.errors import FileError
 from fte_sniff.formats.decoders import wireshark_dissector
 from fte_sniff.formats.pcapng import COMMENT, PcapngWriter
-from fte_sniff.protocol import COLUMNS, Fault, Row, encode, faults_text, record
-from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS
+from fte_sniff.protocol.columns import COLUMNS, faults_text, record
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS, Fault, encode
 from tests.recording.conftest import some_rows
 from tests.support.tools import needs
 

@@ -20,16 +20,9 @@ from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log import Log
 from fte_sniff.formats.log_text import is_text
 from fte_sniff.formats.log_times import LogOptions
-from fte_sniff.protocol import (
-    HEADERS,
-    KINDS,
-    Direction,
-    FrameKind,
-    Row,
-    byte_time_ns,
-    encode,
-    iso_time,
-)
+from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import HEADERS, KINDS, Direction, FrameKind, byte_time_ns, encode
 from fte_sniff.session.framing import rows_of_chunks
 from tests.examples import examples
 from tests.formats.layouts import LAYOUTS, Sent, clock, escaped, spaced

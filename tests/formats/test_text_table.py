@@ -5,7 +5,10 @@ from io import StringIO
 import pytest
 
 from fte_sniff.formats.text_table import TableWriter
-from fte_sniff.protocol import Chunk, Fault, Framer, Row
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import Fault
 from tests.support.columns import fed
 
 

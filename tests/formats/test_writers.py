@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.formats.writers import time_texts
-from fte_sniff.protocol import iso_time
-from fte_sniff.protocol.columns import iso_time_ns
+from fte_sniff.protocol.columns import iso_time, iso_time_ns
 
 SECOND_NS = 1_000_000_000
 _SUMMER_TIME_ENDS_S = int(datetime(2026, 10, 25, 1, tzinfo=UTC).timestamp())

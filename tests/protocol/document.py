@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from fte_sniff.protocol import KIND_BY_NAME, FrameKind
+from fte_sniff.protocol.spec import KIND_BY_NAME, FrameKind
 
 
 class Example(NamedTuple):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import Chunk, Framer, Row
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
 from tests.support.faults import PAYLOADS, damaged_stream
 
 

@@ -6,8 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import HEADERS, TAIL, Chunk, Fault, Framer, Row
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import HEADERS, TAIL, Fault
 from tests.support.faults import damaged_stream, frame_faults
 
 BESIDE_THE_BYTES = {Fault.AMBIGUOUS, Fault.LINE_ERROR}

@@ -7,13 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import ValueRangeError
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    KINDS,
-    Fault,
-    FrameKind,
-    encode,
-)
+from fte_sniff.protocol.spec import KIND_BY_NAME, KINDS, Fault, FrameKind, encode
 from tests.protocol.document import EXAMPLES, Example
 from tests.protocol.streams import rows_of
 from tests.support.faults import frame_faults

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from fte_sniff.protocol import PortEvent, Row, Rows
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from tests.recording import samples

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import Chunk
+from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.foreign_topic import topic_chunks
 from fte_sniff.recording.schema import message_class
 from tests.examples import examples

@@ -9,7 +9,7 @@ from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
 from fte_sniff.capture.discovery import Holder, PortListing
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import Direction
+from fte_sniff.protocol.spec import Direction
 from fte_sniff.session.doctor import probe_finding, read_for, verdict_finding
 from tests.beside import Work
 

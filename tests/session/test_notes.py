@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import Row, Rows
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.session.notes import MOST_TEXT, Note, Notes, RowKey, located, notes_path
 from tests.beside import running
 from tests.waiting import BOUND_S

@@ -16,18 +16,10 @@ from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.log import Log
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
-from fte_sniff.protocol import (
-    COLUMN_BY_NAME,
-    KIND_BY_NAME,
-    Fault,
-    Gap,
-    GapKind,
-    Row,
-    encode,
-    iso_time,
-    spaced_hex,
-)
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, iso_time, spaced_hex
+from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter

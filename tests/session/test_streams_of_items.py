@@ -10,19 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import (
-    KIND_BY_NAME,
-    Chunk,
-    Framer,
-    Gap,
-    GapKind,
-    PortEvent,
-    PortEventKind,
-    Row,
-    encode,
-)
-from fte_sniff.protocol.items import BaudChange
-from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.rows import Item, Row, Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Recorder, RecordingOptions

@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fte_sniff.protocol import Chunk, Framer, PortEvent, Row
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk, PortEvent
+from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording.reader import Recording
 
 

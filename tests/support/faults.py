@@ -21,9 +21,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 from random import Random
 
-from fte_sniff.protocol import FRAME_LENGTH, KINDS, Fault, Field, FrameKind, encode
 from fte_sniff.protocol.rows import fault_bits, faults_in
-from fte_sniff.protocol.spec import KIND_BY_HEADER_AND_CMD, NUM_OFFSET
+from fte_sniff.protocol.spec import (
+    FRAME_LENGTH,
+    KIND_BY_HEADER_AND_CMD,
+    KINDS,
+    NUM_OFFSET,
+    Fault,
+    Field,
+    FrameKind,
+    encode,
+)
 
 HOSTILE_BYTES = bytes([0xAA, 0x55, 0xEE, 0x00, 0x01, 0x02, 0x03])
 HOSTILE_SHARE = 0.3

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from fte_sniff.protocol import FRAME_LENGTH, KIND_BY_NAME, PortEvent, Row, byte_time_ns, encode
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.protocol.spec import DEFAULT_BAUD
+from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, KIND_BY_NAME, byte_time_ns, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import BulkWriter

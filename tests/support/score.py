@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from fte_sniff.protocol import FRAME_LENGTH, Status
 from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FRAME_LENGTH, Status
 from tests.support.faults import Harm, Sent
 
 

@@ -24,8 +24,8 @@ from random import Random
 from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 
-from fte_sniff.protocol import DEFAULT_BAUD
 from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
 from tests.support.recorded_rows import PORTS, recorded_row, write_recording
 from tests.waiting import BOUND_S

@@ -19,7 +19,10 @@ import lz4.frame
 import zstandard
 
 from fte_sniff.capture.simulation import Simulation, parse_parameters
-from fte_sniff.protocol import DEFAULT_BAUD, KIND_BY_NAME, Chunk, Framer, Row, encode
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import DEFAULT_BAUD, KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import entries, fed

@@ -9,7 +9,8 @@ from __future__ import annotations
 from pathlib import Path
 from time import sleep
 
-from fte_sniff.protocol import DEFAULT_BAUD, Row
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from tests.support.columns import entries

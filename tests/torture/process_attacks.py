@@ -23,7 +23,7 @@ from random import Random
 from time import monotonic, sleep
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol import FRAME_LENGTH
+from fte_sniff.protocol.spec import FRAME_LENGTH
 from tests.support.columns import read_rows
 from tests.support.recorded_rows import recorded_row
 from tests.support.recording_kill import kill_one

@@ -14,9 +14,9 @@ from textual._compositor import LayoutUpdate
 from textual.geometry import Size
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.protocol import KIND_BY_NAME, Fault, PortEvent, encode
-from fte_sniff.protocol.items import Change
+from fte_sniff.protocol.items import Change, PortEvent
 from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
 from tests.waiting import BOUND_S

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from fte_sniff.protocol import Gap, GapKind, PortEvent, PortEventKind
-from fte_sniff.protocol.items import Change
+from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.tui.app import SniffApp
 from tests.tui.conftest import (
     NOON_NS,

@@ -8,7 +8,8 @@ from threading import Thread
 
 import pytest
 
-from fte_sniff.protocol import PortEvent, PortEventKind, Status
+from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.spec import Status
 from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette

@@ -7,7 +7,7 @@ from typing import Final
 
 from fte_sniff.analysis.filter.row_filter import COLUMN_OF_WORD, FUNCTIONS, LEVELS
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.protocol import COLUMN_BY_NAME
+from fte_sniff.protocol.columns import COLUMN_BY_NAME
 
 _LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
 _COMPARED: Final = re.compile(

@@ -29,8 +29,14 @@ from fte_sniff.analysis.dataframe import row_frame
 from fte_sniff.analysis.relations import last_of, row_before, runs_of, stream_keys
 from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
-from fte_sniff.protocol import COLUMN_BY_NAME, COLUMNS, Column, ColumnType
-from fte_sniff.protocol.columns import DERIVED, PREVIOUS
+from fte_sniff.protocol.columns import (
+    COLUMN_BY_NAME,
+    COLUMNS,
+    DERIVED,
+    PREVIOUS,
+    Column,
+    ColumnType,
+)
 from fte_sniff.protocol.items import Change, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
 from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode

@@ -8,7 +8,7 @@ from textwrap import wrap
 from typing import Final
 
 from fte_sniff.analysis.filter.row_filter import FUNCTIONS
-from fte_sniff.protocol import COLUMNS, Value, iso_time, record
+from fte_sniff.protocol.columns import COLUMNS, Value, iso_time, record
 from fte_sniff.protocol.rows import Row
 
 

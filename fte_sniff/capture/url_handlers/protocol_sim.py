@@ -23,8 +23,8 @@ from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.simulation import Simulation, SimulationParameters, parse_parameters
 from fte_sniff.errors import PortError
-from fte_sniff.protocol import FRAME_LENGTH, Row
-from fte_sniff.protocol.spec import TAIL
+from fte_sniff.protocol.rows import Row
+from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL
 
 if TYPE_CHECKING:
     from fte_sniff.capture.simulation import Controller

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, both, cell_filters
-from fte_sniff.protocol import COLUMN_BY_NAME, KINDS, Direction, Fault, Row, Status, encode
-from fte_sniff.protocol.rows import Rows, fault_bits, faults_in
+from fte_sniff.protocol.columns import COLUMN_BY_NAME
+from fte_sniff.protocol.rows import Row, Rows, fault_bits, faults_in
+from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status, encode
 from tests.support.faults import frame_faults
 
 

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError
-from fte_sniff.protocol import COLUMNS, Fault, Row
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.columns import COLUMNS
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Fault
 from tests.examples import examples
 
 MISTAKES: list[tuple[str, int, str]] = [

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
-from fte_sniff.protocol import COLUMNS, KIND_BY_NAME, ColumnType, Fault, Row, encode, record
+from fte_sniff.protocol.columns import COLUMNS, ColumnType, record
 from fte_sniff.protocol.items import Change, Gap, GapKind
-from fte_sniff.protocol.rows import NO_ROWS, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Row, Rows
+from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from tests.examples import examples
 from tests.support.faults import frame_faults
 

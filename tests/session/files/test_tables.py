@@ -19,8 +19,11 @@ import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
 from fte_sniff.analysis.segments import segments
 from fte_sniff.errors import FileError, RecordingWarning
-from fte_sniff.protocol import Chunk, Fault, Framer, Row, record
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.columns import record
+from fte_sniff.protocol.framer import Framer
+from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
