@@ -680,9 +680,7 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
 
 
 def print_saved(notes: Notes) -> None:
-    """Print where the notes of a view are, and try again to save those that are not."""
-    if trouble := notes.save():
-        print_err(trouble)
+    """Print where the notes of a view are."""
     for path in notes.written:
         print_err(f"notes are in {path}")
 

@@ -16,7 +16,6 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -24,15 +23,11 @@ from fte_sniff.analysis.time_text import time_ns
 from fte_sniff.errors import FileError, TranslatableText, reason_of
 from fte_sniff.platform import open_flags
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.rows import Row
 
 if TYPE_CHECKING:
     from fte_sniff.protocol.rows import Rows
 
 NOTES_SUFFIX: Final = ".notes.jsonl"
-
-MOST_TEXT: Final = 500
-"""Most characters of a note."""
 
 _MOST_BYTES: Final = 10_000_000
 """Largest notes file that is read."""
@@ -51,37 +46,22 @@ class RowKey(NamedTuple):
     """Its time, nanoseconds since 1970 UTC; None if it has none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Note:
-    """A text about a row; empty for a mark, None where the note was removed."""
+def line_of(key: RowKey, text: str | None) -> bytes:
+    """The line of a notes file that sets the note on a row, or removes it (None)."""
+    time = None if key.t_ns is None else iso_time(key.t_ns)
+    entry = {"time": time, "port": key.port, "offset": key.offset, "text": text}
+    # A file name that is not UTF-8 has half characters; JSON has the same escapes for them.
+    return json.dumps(entry, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
 
-    key: RowKey
-    text: str | None = ""
 
-    @classmethod
-    def on(cls, row: Row, text: str | None = "") -> Note:
-        """A note on a row."""
-        key = RowKey(row.port, row.offset, row.t_ns)
-        return cls(key, None if text is None else text[:MOST_TEXT])
-
-    def line(self) -> bytes:
-        """The line of the file, with its end."""
-        port, offset, t_ns = self.key
-        time = None if t_ns is None else iso_time(t_ns)
-        entry = {"time": time, "port": port, "offset": offset, "text": self.text}
-        # A file name that is not UTF-8 has half characters; JSON has the same escapes for them.
-        return json.dumps(entry, ensure_ascii=False).encode(errors="backslashreplace") + b"\n"
-
-    @classmethod
-    def parse(cls, line: str) -> Note:
-        """The note of a line; raises ValueError if it is not a note."""
-        found = json.loads(line)
-        match found:
-            case {"time": str() | None as time, "port": str(port), "offset": int(offset)}:
-                text, t_ns = found.get("text", ""), None if time is None else time_ns(time)
-                if isinstance(text, str | None) and (time is None or t_ns is not None):
-                    return cls(RowKey(port, offset, t_ns), text)
-        raise ValueError("not a note")
+def parse_line(line: str) -> tuple[RowKey, str | None]:
+    """What a line of a notes file sets; raises ValueError if it is not a note."""
+    match found := json.loads(line):
+        case {"time": str() | None as time, "port": str(port), "offset": int(offset)}:
+            text, t_ns = found.get("text", ""), None if time is None else time_ns(time)
+            if isinstance(text, str | None) and (time is None or t_ns is not None):
+                return RowKey(port, offset, t_ns), text
+    raise ValueError("not a note")
 
 
 def notes_path(recording: Path) -> Path:
@@ -91,7 +71,7 @@ def notes_path(recording: Path) -> Path:
 
 
 class Notes:
-    """The notes on the rows of a view; `save` appends the changes."""
+    """The notes on the rows of a view."""
 
     def __init__(self, recordings: Mapping[Path, int | None] | None = None) -> None:
         """Read the notes of recordings, each with the time of its first row, if it is known."""
@@ -104,80 +84,61 @@ class Notes:
         """What could not be read, one line each."""
         self.written: list[Path] = []
         """Files that were written."""
-        self._pending: list[Note] = []
-        self.notes: dict[RowKey, Note] = {}
+        self.notes: dict[RowKey, str] = {}
+        """The texts by row; empty for a mark."""
         for _, path in self._starts:
-            for note in self._read(path):
-                self._apply(note)
+            self._read(path)
 
-    def _read(self, path: Path) -> Iterator[Note]:
-        unread = 0
+    def _read(self, path: Path) -> None:
         try:
-            if not stat.S_ISREG(path.stat().st_mode):
-                raise FileError("{path} is not a regular file", path=path)
-            with path.open("rb") as file:
-                content = file.read(_MOST_BYTES)
-        except (FileNotFoundError, NotADirectoryError):
+            content = b""
+            if path.is_file():
+                with path.open("rb") as file:
+                    content = file.read(_MOST_BYTES)
+        except OSError as error:
+            text = "the notes in {path} are not read: {why}"
+            self.damage.append(TranslatableText(text, path=path, why=reason_of(error)))
             return
-        except (OSError, FileError) as error:
-            why = reason_of(error) if isinstance(error, OSError) else error.message
-            self.damage.append(
-                TranslatableText("the notes in {path} are not read: {why}", path=path, why=why)
-            )
-            return
-        for line in content.decode("utf-8", "replace").split("\n"):
+        unread = 0
+        for line in filter(str.strip, content.decode("utf-8", "replace").split("\n")):
             try:
-                yield Note.parse(line)
+                self._apply(*parse_line(line))
             except (ValueError, RecursionError):
-                unread += bool(line.strip())
+                unread += 1
         if unread:
             text = "{path}: {count:,} lines are not notes, and are ignored"
             self.damage.append(TranslatableText(text, path=path, count=unread))
 
-    def _apply(self, note: Note) -> None:
-        if note.text is None:
-            self.notes.pop(note.key, None)
+    def _apply(self, key: RowKey, text: str | None) -> None:
+        if text is None:
+            self.notes.pop(key, None)
         else:
-            self.notes[note.key] = note
+            self.notes[key] = text
 
-    def path_of(self, key: RowKey) -> Path | None:
-        """The file for a note on a row: that of the capture that began last before it.
-
-        None for rows that no file has.
-        """
-        if not self._starts:
-            return None
+    def _path_of(self, key: RowKey) -> Path | None:
+        """The file for a note on a row: that of the capture that began last before it."""
         before = [path for start, path in self._starts if start <= (key.t_ns or 0)]
-        return before[-1] if before else self._starts[0][1]
+        return next(reversed(before or [path for _, path in self._starts[:1]]), None)
 
-    def news(self, key: RowKey) -> Path | None:
-        """The file in which a note on a row is stored; None if it was written before."""
-        path = self.path_of(key)
-        return None if path in self.written else path
+    def set(self, key: RowKey, text: str | None) -> Path | None:
+        """Set the note on a row, or remove it (None), and append that to the file.
 
-    def set(self, note: Note) -> None:
-        """Add, replace or remove a note; `save` writes it."""
-        self._apply(note)
-        self._pending.append(note)
-
-    def save(self) -> str | None:
-        """Append the changes; returns what went wrong, if anything.
-
-        Changes that cannot be written are kept, and tried again by the next call.
+        Returns the file if it was not written before. Raises FileError if it cannot be written:
+        then only this view has the note.
         """
-        while self._pending:
-            note = self._pending[0]
-            path = self.path_of(note.key)
-            if path is not None:
-                try:
-                    _append(path, note.line())
-                except OSError as error:
-                    text = "the notes are not saved: {path}: {why}"
-                    return TranslatableText(text, path=path, why=reason_of(error))
-                if path not in self.written:
-                    self.written.append(path)
-            del self._pending[0]
-        return None
+        self._apply(key, text)
+        path = self._path_of(key)
+        if path is None:
+            return None
+        try:
+            _append(path, line_of(key, text))
+        except OSError as error:
+            form = "the note is not saved: {path}: {why}"
+            raise FileError(form, path=path, why=reason_of(error)) from error
+        if path in self.written:
+            return None
+        self.written.append(path)
+        return path
 
 
 def _append(path: Path, data: bytes) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from fte_sniff.errors import printable
+from fte_sniff.errors import FileError, printable
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import Row, Rows
-from fte_sniff.session.notes import Note, located
+from fte_sniff.session.notes import RowKey, located
 from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 
@@ -50,27 +50,28 @@ class NotesControl:
 
     def _keep(self, index: int, row: Row, text: str | None) -> None:
         """Mark a row with a text, or remove its mark (None), and write that to the file."""
-        note = Note.on(row, text)
-        if note.text is None:
+        if text is None:
             self._table.marks.pop(index, None)
         else:
-            self._table.marks[index] = note.text
+            self._table.marks[index] = text
         self._table.draw()
         if self._notes is None:
             return
-        self._notes.set(note)
-        if text is not None and (path := self._notes.news(note.key)):
-            news = _("marks and notes are saved in {path}", path=printable(str(path)))
-            self._status.inform(news)
-        if trouble := self._notes.save():
-            self._status.warn(_(trouble))
+        try:
+            path = self._notes.set(RowKey(row.port, row.offset, row.t_ns), text)
+        except FileError as error:
+            self._status.warn(_(error.message))
+        else:
+            if path is not None:
+                news = _("marks and notes are saved in {path}", path=printable(str(path)))
+                self._status.inform(news)
 
     def find_noted(self, rows: Rows, first: int) -> None:
         """Mark those of the new rows that have a note."""
         for number, key in located(rows, [*self._missing]):
-            note = self._missing.pop(key, None)
-            if note is not None and note.text is not None:
-                self._table.marks[first + number] = note.text
+            text = self._missing.pop(key, None)
+            if text is not None:
+                self._table.marks[first + number] = text
 
     def show(self) -> None:
         """Show the note on the row under the cursor."""

@@ -9,15 +9,16 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row, Rows
-from fte_sniff.session.notes import MOST_TEXT, Note, Notes, RowKey, located, notes_path
+from fte_sniff.session.notes import Notes, RowKey, line_of, located, notes_path, parse_line
 from tests.beside import running
 from tests.waiting import BOUND_S
 
 NOON_NS = 1_769_860_800_000_000_000
 KEY = RowKey("p", 40, NOON_NS)
 keys = st.builds(RowKey, st.text(), st.integers(0, 2**63 - 1), st.none() | st.integers(0, 2**62))
-texts = st.none() | st.text(max_size=MOST_TEXT)
+texts = st.none() | st.text()
 
 
 @pytest.fixture
@@ -31,9 +32,9 @@ def opened(*recordings: Path) -> Notes:
 
 @given(key=keys, text=texts)
 def test_a_line_is_read_as_it_was_written(key: RowKey, text: str | None) -> None:
-    note = Note(key, text)
-    assert Note.parse(note.line().decode()) == note
-    assert note.line().count(b"\n") == 1
+    line = line_of(key, text)
+    assert parse_line(line.decode()) == (key, text)
+    assert line.count(b"\n") == 1
 
 
 @example(changes=[(KEY, "one\x85line\u2028of a note")])
@@ -42,13 +43,10 @@ def test_the_last_line_about_a_row_holds(
     tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[RowKey, str | None]]
 ) -> None:
     recording = tmp_path_factory.mktemp("notes") / "run.mcap"
-    expected: dict[RowKey, Note] = {}
     notes = opened(recording)
     for key, text in changes:
-        notes.set(Note(key, text))
-        expected[key] = Note(key, text)
-        assert notes.save() is None
-    left = {key: note for key, note in expected.items() if note.text is not None}
+        notes.set(key, text)
+    left = {key: text for key, text in dict(changes).items() if text is not None}
     assert opened(recording).notes == notes.notes == left
 
 
@@ -58,7 +56,7 @@ def test_notes_of_older_versions_are_read(recording: Path) -> None:
         ' "capture": "x"}\n'
         '{"time": null, "port": "p", "offset": 50, "text": ""}\n'
     )
-    assert {key.offset: note.text for key, note in opened(recording).notes.items()} == {
+    assert {key.offset: text for key, text in opened(recording).notes.items()} == {
         40: "old",
         50: "",
     }
@@ -68,20 +66,19 @@ def test_notes_of_older_versions_are_read(recording: Path) -> None:
 def test_what_is_not_a_note_is_reported_and_the_rest_is_read(
     recording: Path, content: bytes
 ) -> None:
-    notes_path(recording).write_bytes(content.rstrip() + b"\n" + Note(KEY, "kept").line())
+    notes_path(recording).write_bytes(content.rstrip() + b"\n" + line_of(KEY, "kept"))
     notes = opened(recording)
-    assert [note.text for note in notes.notes.values()] == ["kept"]
+    assert notes.notes == {KEY: "kept"}
     assert notes.damage == [f"{notes_path(recording)}: 1 lines are not notes, and are ignored"]
 
 
 _ADD = """
 import sys
 from pathlib import Path
-from fte_sniff.session.notes import Note, Notes, RowKey
+from fte_sniff.session.notes import Notes, RowKey
 notes = Notes({Path(sys.argv[1]): None})
 for number in range(200):
-    notes.set(Note(RowKey(sys.argv[2], number), "x" * 400))
-    notes.save()
+    notes.set(RowKey(sys.argv[2], number), "x" * 400)
 """
 
 
@@ -98,8 +95,7 @@ def test_no_note_is_lost_while_several_programs_write(recording: Path) -> None:
 def test_the_files_of_a_capture_share_their_notes(recording: Path) -> None:
     second = recording.with_stem("run_00002")
     notes = opened(recording, second)
-    notes.set(Note(KEY, "shared"))
-    assert notes.save() is None
+    notes.set(KEY, "shared")
     assert notes.written == [recording.with_name("run.mcap.notes.jsonl")]
     assert opened(second).notes == notes.notes
 
@@ -108,31 +104,24 @@ def test_a_note_is_stored_beside_the_capture_that_began_before_its_row(tmp_path:
     first, later = tmp_path / "a.mcap", tmp_path / "b.mcap"
     notes = Notes({later: NOON_NS + 100, first: NOON_NS})
     for t_ns in (NOON_NS + 50, NOON_NS + 150, None):
-        notes.set(Note(RowKey("p", 0, t_ns), str(t_ns)))
-    notes.save()
-    assert {note.text for note in opened(first).notes.values()} == {str(NOON_NS + 50), "None"}
-    assert {note.text for note in opened(later).notes.values()} == {str(NOON_NS + 150)}
+        notes.set(RowKey("p", 0, t_ns), str(t_ns))
+    assert {*opened(first).notes.values()} == {str(NOON_NS + 50), "None"}
+    assert {*opened(later).notes.values()} == {str(NOON_NS + 150)}
 
 
-def test_the_file_of_notes_is_announced_until_it_is_written(recording: Path) -> None:
+def test_the_file_of_notes_is_announced_when_it_is_first_written(recording: Path) -> None:
     notes = opened(recording)
-    assert notes.news(KEY) == notes_path(recording)
-    notes.set(Note(KEY, "x"))
-    assert notes.save() is None
-    assert notes.news(KEY) is None
-    assert Notes().news(KEY) is None
+    assert notes.set(KEY, "x") == notes_path(recording)
+    assert notes.set(KEY, "y") is None
+    assert Notes().set(KEY, "x") is None
 
 
-def test_notes_that_cannot_be_saved_are_saved_later(recording: Path) -> None:
+def test_a_note_that_cannot_be_saved_is_one_line(recording: Path) -> None:
     notes_path(recording).mkdir()
     notes = opened(recording)
-    notes.set(Note(KEY, "late"))
-    trouble = notes.save()
-    assert trouble is not None
-    assert trouble.startswith(f"the notes are not saved: {notes_path(recording)}: ")
-    notes_path(recording).rmdir()
-    assert notes.save() is None
-    assert opened(recording).notes == {KEY: Note(KEY, "late")}
+    with pytest.raises(FileError, match=f"the note is not saved: {notes_path(recording)}: "):
+        notes.set(KEY, "x")
+    assert notes.notes == {KEY: "x"}
 
 
 @pytest.mark.parametrize("kind", ["link", "pipe"])
@@ -144,8 +133,8 @@ def test_notes_are_not_written_through_a_link_or_to_a_pipe(recording: Path, kind
     else:
         os.mkfifo(notes_path(recording))
     notes = opened(recording)
-    notes.set(Note(KEY, "x"))
-    assert notes.save() is not None
+    with pytest.raises(FileError):
+        notes.set(KEY, "x")
     assert target.read_text() == "mine"
 
 
