@@ -22,7 +22,6 @@ import click
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
-from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.capture.silence import DEFAULT_SILENCE_S
 from fte_sniff.cli.capture_loop import Observer, capture
 from fte_sniff.cli.foxglove_server import FoxgloveServer
@@ -244,7 +243,6 @@ def run_capture(
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
 
     given, zone = SimpleNamespace(**options), settings.live.get("zone")
-    zone = None if zone is None else zone_of(zone)
     baud = given.baud
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD

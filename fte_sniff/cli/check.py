@@ -108,7 +108,7 @@ def read_rules(path: Path | None, expectations: tuple[str, ...] = ()) -> list[Ru
         raise UsageError('check needs rules: --rules FILE, or --expect "count(malformed) == 0"')
     found: list[Rule] = []
     if path is not None:
-        found += rules_of_toml(read_toml(path, "name a rules file"), str(path))
+        found += rules_of_toml(read_toml(path), str(path))
     found += [rule_at(f"--expect {number}", one) for number, one in enumerate(expectations, 1)]
     return found
 

@@ -24,18 +24,23 @@ What is chosen on the screen is stored in the state folder, where it differs fro
 
 from __future__ import annotations
 
+import json
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import tzinfo
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from fte_sniff.analysis.time_text import zone_of
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FileError, FteSniffError, UsageError, unreadable
+from fte_sniff.errors import FileError, UsageError, reason_of, unreadable
 from fte_sniff.i18n import AUTO, LANGUAGES, THEMES, language_of
+from fte_sniff.real_number import RealNumber
 from fte_sniff.tui.cells import ORDER
 
 if TYPE_CHECKING:
@@ -43,91 +48,69 @@ if TYPE_CHECKING:
     from fte_sniff.tui.options import Choices
 
 
-class _Kind(NamedTuple):
-    """What a setting may be; `wanted` completes "must be ..."."""
-
-    wanted: str
-    holds: Callable[[Any], bool]
-
-
-def _is_zone(value: Any) -> bool:
-    from fte_sniff.analysis.time_text import zone_of
-
+def _zone(value: Any) -> tzinfo:
     try:
-        return zone_of(value if isinstance(value, str) else "") is not None
+        return zone_of(str(value))
     except UsageError:
-        return False
+        raise click.BadParameter(
+            f"{value!r:.60} is not a time zone, such as Asia/Shanghai, +08:00 or local"
+        ) from None
 
 
-def _are_columns(value: Any) -> bool:
-    columns = [name for name in ORDER if isinstance(value, list) and value.count(name) == 1]
-    return bool(columns) and len(columns) == len(value)
+def _list_of(kind: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """The type of a list of different values of a type; one without any counts as absent."""
+
+    def convert(value: Any) -> tuple[Any, ...] | None:
+        if not isinstance(value, list):
+            raise click.BadParameter(f"{value!r:.60} is not a list")
+        return tuple(dict.fromkeys(kind(str(one)) for one in value)) or None
+
+    return convert
 
 
-def _are_ports(value: Any) -> bool:
-    return isinstance(value, list) and len(value) in (1, 2) and all(map(_TEXT.holds, value))
-
-
-def _is_number(value: Any, *types: type) -> bool:
-    return type(value) in types and 0 < value < 2**31
-
-
-def _one_of(*words: str) -> _Kind:
-    return _Kind(f"one of {', '.join(words)}", lambda value: value in words)
-
-
-_TEXT: Final = _Kind("a text", lambda value: isinstance(value, str) and bool(value))
-_YES_OR_NO: Final = _Kind("true or false", lambda value: isinstance(value, bool))
-_RATIO: Final = _Kind("a number above 0", lambda value: _is_number(value, int, float))
+_RATIO: Final = RealNumber(0, min_open=True)
 
 _ANY_NAME: Final = ""
 
-_SCREEN: Final = {
-    "theme": _one_of(*THEMES),
-    "columns": _Kind(f"a list of different names out of {', '.join(ORDER)}", _are_columns),
-    "language": _one_of(*LANGUAGES, AUTO),
+_SCREEN: Final[Mapping[str, Any]] = {
+    "theme": click.Choice(THEMES),
+    "columns": _list_of(click.Choice(ORDER)),
+    "language": click.Choice([*LANGUAGES, AUTO]),
 }
-_FILTERS: Final = {_ANY_NAME: _TEXT}
-_CHOICES: Final[Mapping[str, Any]] = {**_SCREEN, "filters": _FILTERS}
-"""What is chosen on the screen: fields of `Choices`."""
+_FILTERS: Final = {_ANY_NAME: click.STRING}
 
 _TABLES: Final[Mapping[str, Any]] = {
     "screen": _SCREEN,
     "live": {
-        "ports": _Kind("a list of one or two ports", _are_ports),
-        "zone": _Kind("a time zone, such as Asia/Shanghai, +08:00 or local", _is_zone),
-        "reconnect": _YES_OR_NO,
-        "network": _YES_OR_NO,
+        "ports": _list_of(click.STRING),
+        "zone": _zone,
+        "reconnect": click.BOOL,
+        "network": click.BOOL,
     },
-    "port": {
-        _ANY_NAME: {
-            "baud": _Kind("a whole number from 1", lambda value: _is_number(value, int)),
-            "resolution": _RATIO,
-            "gear-ratio": _RATIO,
-        }
-    },
+    "port": {_ANY_NAME: {"baud": click.IntRange(1), "resolution": _RATIO, "gear-ratio": _RATIO}},
     "filters": _FILTERS,
 }
-"""What a settings file may have: of each name a kind, or such a table."""
+"""What a settings file may have: of each name the type of its value, or such a table."""
 
 
-def _valid(
-    table: Mapping[str, Any], known: Mapping[str, Any], faults: list[str], *path: str
-) -> dict[str, Any]:
-    """The valid entries of a table; lists become tuples. The others go to `faults`, a line each."""
+def _valid(table: Any, known: Mapping[str, Any], faults: list[str], *path: str) -> dict[str, Any]:
+    """The valid entries of a table, converted. The others go to `faults`, a line each."""
     found: dict[str, Any] = {}
+    if not isinstance(table, dict):
+        faults.append(f"{'.'.join(path)} must be a table, not {table!r:.60}")
+        return found
     place = f" in [{'.'.join(path)}]" if path else ""
     for name, value in table.items():
         kind = known.get(name, known.get(_ANY_NAME))
         if kind is None:
             faults.append(f"unknown name {name!r:.60}{place}; use one of {', '.join(known)}")
-        elif isinstance(kind, dict) and isinstance(value, dict):
+        elif isinstance(kind, Mapping):
             found[name] = _valid(value, kind, faults, *path, name)
-        elif isinstance(kind, _Kind) and kind.holds(value):
-            found[name] = tuple(value) if isinstance(value, list) else value
         else:
-            wanted = kind.wanted if isinstance(kind, _Kind) else "a table"
-            faults.append(f"{name}{place} must be {wanted}, not {value!r:.60}")
+            try:
+                found[name] = kind(value if isinstance(value, list) else str(value))
+            except (click.BadParameter, TypeError) as error:  # a list is not a number
+                faults.append(f"{name}{place}: {' '.join(str(error).split()).rstrip('.')}")
     return found
 
 
@@ -178,33 +161,42 @@ class Settings:
     @property
     def choices(self) -> Choices:
         """Those of the file, with what was chosen on the screen; what is invalid is ignored."""
-        from fte_sniff.session.user_state import read_choices
         from fte_sniff.tui.options import Choices
 
-        stored = _valid(read_choices(), _CHOICES, [])
+        stored: Any = {}
+        with suppress(OSError, ValueError, RecursionError):  # absent, or of another version
+            stored = json.loads(_choices_path().read_text("utf-8"))
+        stored = _valid(stored, {**_SCREEN, "filters": _FILTERS}, [])
         filters = {**self.filters, **stored.pop("filters", {})}
         return Choices(**{**self.screen, **stored}, filters=tuple(filters.items()))
 
     def keep(self, choices: Choices) -> None:
         """Store what differs from the file for the next start; a failure is only reported."""
-        from fte_sniff.session.user_state import save_choices
+        from fte_sniff.session.save import replace_text
 
         chosen = {name: getattr(choices, name) for name in _SCREEN}
-        own = {
+        own: dict[str, Any] = {
             name: value
             for name, value in chosen.items()
             if value not in (None, self.screen.get(name))
         }
-        filters = {name: text for name, text in choices.filters if self.filters.get(name) != text}
+        own["filters"] = {
+            name: text for name, text in choices.filters if self.filters.get(name) != text
+        }
+        path = _choices_path()
         try:
-            save_choices(own | {"filters": filters})
-        except FteSniffError as error:
-            print_err(f"the choices of the screen are not saved: {error}")
+            replace_text(path, json.dumps(own, ensure_ascii=False, indent=1))
+        except OSError as error:
+            print_err(f"the choices of the screen are not saved: {path}: {reason_of(error)}")
+
+
+def _choices_path() -> Path:
+    from platformdirs import user_state_path
+
+    return user_state_path("fte-sniff", appauthor=False) / "screen.json"
 
 
 CONFIG_VARIABLE: Final = "FTE_SNIFF_CONFIG"
-
-_MOST_BYTES = 1_000_000
 
 
 def settings_path() -> Path:
@@ -216,23 +208,14 @@ def settings_path() -> Path:
     return user_config_path("fte-sniff", appauthor=False) / "config.toml"
 
 
-def read_toml(path: Path, fix: str) -> str:
-    """The text of a TOML file, without a byte order mark.
-
-    Raises FileError, with the fix if the file is too large, or if it is not a text.
-    """
+def read_toml(path: Path) -> str:
+    """The text of a TOML file, without a byte order mark; raises FileError."""
     try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
+        return path.read_text("utf-8-sig")
     except OSError as error:
         raise unreadable(path, error) from error
-    if len(content) > _MOST_BYTES:
-        raise FileError(f"{path} is larger than 1 MB; {fix}")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        raise FileError(f"{path}:{line} is not UTF-8; save the file as UTF-8") from None
+    except UnicodeDecodeError:
+        raise FileError(f"{path} is not UTF-8; save the file as UTF-8") from None
 
 
 def read_settings(path: Path) -> Settings:
@@ -240,17 +223,16 @@ def read_settings(path: Path) -> Settings:
     if not os.path.exists(path):  # noqa: PTH110 - False, and no error, where a folder is closed
         return Settings(path=path)
     faults: list[str] = []
-    fix = "correct the file, or move it away"
     try:
-        tables = _valid(tomllib.loads(read_toml(path, fix)), _TABLES, faults)
-    except FteSniffError as error:
-        trouble = f"{error}"
+        tables = _valid(tomllib.loads(read_toml(path)), _TABLES, faults)
+    except FileError as error:
+        faults.append(f"{error}; starting without settings")
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        trouble = f"{path} is not TOML: {error}; {fix}"
+        faults.append(f"{path} is not TOML: {error}; starting without settings")
     else:
-        reported = (f"{path}: {fault}; it is ignored" for fault in faults)
-        return Settings(**tables, path=path, trouble=tuple(reported))
-    return Settings(path=path, trouble=(f"{trouble}; starting without settings",))
+        faults = [f"{path}: {fault}; it is ignored" for fault in faults]
+        return Settings(**tables, path=path, trouble=tuple(faults))
+    return Settings(path=path, trouble=tuple(faults))
 
 
 lang_option = click.option(

@@ -14,7 +14,6 @@ Modules:
     live_session     LiveSession: start, poll, stop.
     merge            Merge: the items of several streams in the order of time.
     notes            Notes on rows beside the recording.
-    user_state       Choices of the screen, as JSON of the program.
     replay           ReplaySession over files; playback.
     save             Save rows of a session in any format.
     scan             Recordings as polars tables: public scan() and read().
