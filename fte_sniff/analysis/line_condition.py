@@ -1,4 +1,4 @@
-"""Condition of a line, from received bytes: sound, damaged, silent, low, text, unreadable."""
+"""Condition of a line, from received bytes: sound, damaged, silent, low, unreadable."""
 
 from __future__ import annotations
 
@@ -21,8 +21,6 @@ FEW_BYTES: Final = 30
 """Fewer bytes than this without a frame give no diagnosis."""
 
 _LOW_SHARE: Final = 0.97
-_TEXT: Final = frozenset(range(0x20, 0x7F)) | frozenset(b"\t\r\n")
-_TEXT_SHARE: Final = 0.95
 
 
 class LineCondition(StrEnum):
@@ -35,7 +33,6 @@ class LineCondition(StrEnum):
     LOW = "low"
     """Held low: only 00 is received."""
     TOO_LITTLE = "too little"
-    TEXT = "text"
     UNREADABLE = "unreadable"
 
 
@@ -87,7 +84,4 @@ def _without_frames(data: bytes) -> LineCondition:
         return LineCondition.SILENT
     if data.count(0) >= _LOW_SHARE * len(data):
         return LineCondition.LOW
-    if len(data) < FEW_BYTES:
-        return LineCondition.TOO_LITTLE
-    is_text = sum(byte in _TEXT for byte in data) >= _TEXT_SHARE * len(data)
-    return LineCondition.TEXT if is_text else LineCondition.UNREADABLE
+    return LineCondition.TOO_LITTLE if len(data) < FEW_BYTES else LineCondition.UNREADABLE

@@ -1,4 +1,4 @@
-"""Serial ports of this machine: which there are, which programs hold them, adapters without driver.
+"""Serial ports of this machine: which there are, and which programs hold them.
 
 No port is opened.
 """
@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
@@ -19,13 +19,11 @@ from fte_sniff.errors import Joint, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX
 
 _BY_ID = Path("/dev/serial/by-id")
-_NO_DESCRIPTION = "n/a"  # in pyserial
 _SYS_CHAR = Path("/sys/dev/char")
 _PTY_MAJORS = range(136, 144)  # pseudo-terminals, which are not in /sys
 
 
-@dataclass(frozen=True, slots=True)
-class Holder:
+class Holder(NamedTuple):
     """A program that has a device open."""
 
     pid: int
@@ -35,58 +33,42 @@ class Holder:
         return f"{self.name} (pid {self.pid})"
 
 
-@dataclass(frozen=True, slots=True)
-class PortListing:
-    """One port as the system describes it; texts from the device are printable."""
+class PortListing(NamedTuple):
+    """One port as the system describes it; texts are printable, and empty if unknown."""
 
     device: str
-    by_id: str | None
-    """A name that does not depend on the USB socket; None if there is none."""
-    vid: int | None
-    pid: int | None
-    """USB vendor and product id."""
-    serial_number: str | None
-    location: str | None
+    state: str
+    """`free`, `busy`, or `forbidden`."""
+    held_by: str
+    usb_ids: str
+    """USB vendor and product id as `0403:6001`."""
+    location: str
     """USB socket, as `1-1.2`."""
-    description: str | None
-    permitted: bool
-    """True if the present user may open it."""
-    holders: tuple[Holder, ...]
-
-    @property
-    def state(self) -> str:
-        """`free`, `busy`, or `forbidden`."""
-        if not self.permitted:
-            return "forbidden"
-        return "busy" if self.holders else "free"
-
-    @property
-    def usb_ids(self) -> str | None:
-        """Vendor and product id as `0403:6001`; None for other ports than USB."""
-        return None if self.vid is None else f"{self.vid:04x}:{self.pid or 0:04x}"
+    serial_number: str
+    description: str
+    by_id: str
+    """A name that does not depend on the USB socket."""
 
 
 def list_ports() -> list[PortListing]:
     """The ports that are plugged in, sorted by name."""
-    return listings(sorted(comports()))
+    return [*map(listing, sorted(comports()))]
 
 
-def listings(found: Iterable[ListPortInfo], by_id: Path = _BY_ID) -> list[PortListing]:
-    """The listings of ports that pyserial found; `by_id` is the folder of their stable names."""
-    return [
-        PortListing(
-            device=port.device,
-            by_id=next(links_to(port.device, by_id), None),
-            vid=port.vid,
-            pid=port.pid,
-            serial_number=_shown(port.serial_number),
-            location=_shown(port.location),
-            description=None if port.description == _NO_DESCRIPTION else _shown(port.description),
-            permitted=not POSIX or os.access(port.device, os.R_OK | os.W_OK),
-            holders=tuple(holders_of(port.device)),
-        )
-        for port in found
-    ]
+def listing(port: ListPortInfo, by_id: Path = _BY_ID) -> PortListing:
+    """The listing of a port that pyserial found; `by_id` is the folder of its stable name."""
+    holders = holders_of(port.device)
+    is_permitted = not POSIX or os.access(port.device, os.R_OK | os.W_OK)
+    return PortListing(
+        device=port.device,
+        state=("busy" if holders else "free") if is_permitted else "forbidden",
+        held_by=", ".join(map(str, holders)),
+        usb_ids="" if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}",
+        location=printable(port.location or ""),
+        serial_number=printable(port.serial_number or ""),
+        description="" if port.vid is None else printable(port.description),
+        by_id=next(links_to(port.device, by_id), ""),
+    )
 
 
 def links_to(device: str, folder: Path) -> Iterator[str]:
@@ -107,10 +89,6 @@ def is_terminal(name: str) -> bool:
             subsystem = _SYS_CHAR / f"{major}:{minor}" / "subsystem"
             return major in _PTY_MAJORS or subsystem.resolve().name == "tty"
     return False
-
-
-def _shown(text: str | None) -> str | None:
-    return None if text is None else printable(text)
 
 
 _PROC = Path("/proc")
@@ -173,50 +151,6 @@ def open_files(pid: int) -> dict[str, os.stat_result]:
             with suppress(OSError):  # closed meanwhile
                 found[os.readlink(entry.path)] = entry.stat()  # noqa: PTH115
     return found
-
-
-_USB_DEVICES = Path("/sys/bus/usb/devices")
-
-_CHIPS = {
-    "ftdi_sio": ("0403:6001", "0403:6010", "0403:6011", "0403:6014", "0403:6015"),
-    "pl2303": ("067b:2303",),
-    "cp210x": ("10c4:ea60", "10c4:ea70"),
-    "ch341": ("1a86:5523", "1a86:7522", "1a86:7523"),
-    "cdc_acm": ("1a86:55d3", "1a86:55d4"),
-}
-"""The common adapter chips of each driver of the kernel."""
-_DRIVER_OF_CHIP = {usb_ids: driver for driver, chips in _CHIPS.items() for usb_ids in chips}
-
-
-@dataclass(frozen=True, slots=True)
-class StrayAdapter:
-    """An adapter that is plugged in, but has no device file."""
-
-    usb_ids: str
-    """As `1a86:7523`."""
-    product: str
-    """Its own name, printable; may be empty."""
-    wanted: str
-    """The driver that makes it a port."""
-
-
-def stray_adapters(devices: Path = _USB_DEVICES) -> list[StrayAdapter]:
-    """The adapters that are plugged in, but have no device file."""
-    if not devices.is_dir():
-        return []
-    found = (_stray(device) for device in sorted(devices.iterdir()))
-    return [stray for stray in found if stray is not None]
-
-
-def _stray(device: Path) -> StrayAdapter | None:
-    usb_ids = f"{text_of(device / 'idVendor')}:{text_of(device / 'idProduct')}"
-    wanted = _DRIVER_OF_CHIP.get(usb_ids)
-    if wanted is None:
-        return None
-    # The folder of an interface is named after its device: 1-2 has 1-2:1.0.
-    if any(device.glob(f"{device.name}:*/tty*")):
-        return None
-    return StrayAdapter(usb_ids, printable(text_of(device / "product")), wanted)
 
 
 def text_of(file: Path) -> str:

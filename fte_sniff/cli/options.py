@@ -106,10 +106,6 @@ rows_format_option = partial(
 )
 """The `--format` option of a command whose rows may have some forms of `OutputFormat`."""
 
-list_format_option = format_option(
-    "A table for people, or one JSON object per line.", ["table", "jsonl"], "table"
-)
-
 
 def _columns(_context: click.Context, _option: click.Parameter, text: str | None) -> Any:
     """The columns of a list with commas; raises UsageError if one is unknown or named twice."""

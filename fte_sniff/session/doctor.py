@@ -1,9 +1,4 @@
-"""Checks of `doctor`: adapters that are not ports, and the line of one port.
-
-Each check returns or yields a `Diagnosis`:
-
-    check_adapters   adapters that are not ports, no port at all
-    check_port       opens PORT, listens to it, judges its line
+"""Checks of `doctor`: whether an adapter is plugged in, and the line of one port.
 
 What the error of a port explains is not checked before: permission, and the program that has it
 open. Nothing is ever written to a port.
@@ -14,25 +9,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from functools import partial
 from shlex import quote
+from typing import NamedTuple
 
 import serial
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis, diagnose
-from fte_sniff.capture.discovery import StrayAdapter, list_ports, stray_adapters
+from fte_sniff.capture.discovery import list_ports
 from fte_sniff.capture.port_errors import one_line
-from fte_sniff.capture.serial_port import (
-    PortSettings,
-    device_of,
-    driver_folder,
-    latency_timer_ms,
-    open_port,
-    reader_of,
-    request_low_latency,
-)
+from fte_sniff.capture.serial_port import PortSettings, open_port, reader_of
 from fte_sniff.errors import PortError, printable
 from fte_sniff.protocol.spec import Direction
 
@@ -47,8 +35,7 @@ class Level(StrEnum):
     """It does not work, or recordings will be wrong."""
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
+class Diagnosis(NamedTuple):
     """The result of one check."""
 
     level: Level
@@ -63,6 +50,22 @@ class Diagnosis:
 ok, warn, bad = (partial(Diagnosis, level) for level in Level)
 
 
+PLUG_IN = (
+    "plug the adapter in, and see `sudo dmesg | tail`: brltty takes some away (sudo apt remove"
+    " brltty), and a container, WSL or a virtual machine needs it passed through"
+)
+"""What to do where a machine does not see an adapter."""
+
+
+def check_adapters() -> Diagnosis:
+    """Check whether an adapter is plugged in."""
+    found = [port.device for port in list_ports() if port.usb_ids]
+    if found:
+        return ok("ports", f"USB adapters: {', '.join(found)}")
+    others = "`fte-sniff doctor /dev/ttyS0` checks a built-in port, `doctor sim://` a simulated one"
+    return warn("ports", "no USB adapter is plugged in", f"{PLUG_IN}; {others}")
+
+
 def check_port(
     name: str, settings: PortSettings, seconds: float, *, probe: bool
 ) -> Iterator[Diagnosis]:
@@ -71,10 +74,7 @@ def check_port(
     With `probe`, other bauds are tried too. Raises PortError if the port cannot be opened.
     """
     with closing(open_port(name, settings)) as port:
-        request_low_latency(port)
-        yield capability_finding(name, latency_timer_ms(driver_folder(device_of(port) or name)))
-        data = read_for(name, port, seconds, _ENOUGH_BYTES)
-    verdict = diagnose(data)
+        verdict = diagnose(read_for(name, port, seconds, _ENOUGH_BYTES))
     yield verdict_finding(name, settings.baud, verdict)
     if probe:
         yield _probe(name, settings, verdict)
@@ -93,53 +93,7 @@ def read_for(name: str, port: serial.Serial, seconds: float, enough: int) -> byt
     return bytes(data)
 
 
-# Adapters
-
-PLUG_IN = (
-    "plug the adapter in, and see `sudo dmesg | tail`; a container, WSL or a virtual machine has it"
-    " only after it is passed through"
-)
-"""What to do where a machine does not see an adapter."""
-
-
-def check_adapters() -> Iterator[Diagnosis]:
-    """Check for adapters without a port, and for no port."""
-    yield from map(stray_finding, stray_adapters())
-    ports = list_ports()
-    adapters = sum(port.vid is not None for port in ports)
-    if adapters:
-        yield ok("ports", f"{adapters} USB adapter{'s are' if adapters > 1 else ' is'} plugged in")
-    else:
-        what = "USB adapter" if ports else "serial port"
-        yield warn("ports", f"no {what} is plugged in", PLUG_IN)
-
-
-def stray_finding(stray: StrayAdapter) -> Diagnosis:
-    """Why an adapter that is plugged in does not appear as a port."""
-    what = f"{stray.product or 'a serial adapter'} is plugged in, but does not appear as a port"
-    what += ": its driver is not loaded, or another program or driver has it"
-    fix = f"unplug it, sudo modprobe {stray.wanted}, plug it in again"
-    return bad(f"USB {stray.usb_ids}", what, fix)
-
-
-SHORT_TIMER_MS = 2
-"""A latency timer up to this is not noticeable, milliseconds."""
-
-
-def capability_finding(device: str, timer_ms: int | None) -> Diagnosis:
-    """Check the latency of an open port's driver, after low latency was requested."""
-    if timer_ms is not None and timer_ms > SHORT_TIMER_MS:
-        return warn(
-            device,
-            f"the adapter holds bytes back for up to {timer_ms} ms",
-            f"echo 1 | sudo tee {driver_folder(device)}/latency_timer",
-        )
-    delay = "no latency timer" if timer_ms is None else f"latency timer {timer_ms} ms"
-    return ok(device, delay)
-
-
 # The line
-
 
 _WIRE = {
     frozenset({Direction.CONTROL}): "commands (the host's TX wire)",
@@ -173,9 +127,6 @@ _VERDICTS: Mapping[LineCondition, tuple[Level, str, str | None]] = {
         Level.WARN,
         "{size} came and no frame: too little to judge",
         "fte-sniff doctor {port} --duration 30",
-    ),
-    LineCondition.TEXT: (
-        Level.BAD, "{size} of text and no frame: some other device sends here", "fte-sniff ports"
     ),
     LineCondition.UNREADABLE: (
         Level.BAD,

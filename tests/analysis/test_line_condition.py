@@ -74,7 +74,6 @@ def test_a_damaged_stream_has_the_right_baud(share, condition):
         (b"\0" * 5, LineCondition.LOW),
         (b"\0" * 500, LineCondition.LOW),
         (b"\x37\x99\xc2", LineCondition.TOO_LITTLE),
-        (b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n" * 4, "text"),
         (Random(1).randbytes(600), LineCondition.UNREADABLE),
         (frames(1)[0], LineCondition.SOUND),
     ],

@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 from contextlib import closing
-from dataclasses import replace
 
 import pytest
 
 from fte_sniff.analysis.line_condition import LineCondition, LineDiagnosis
-from fte_sniff.capture.discovery import Holder, PortListing
 from fte_sniff.capture.serial_port import PortSettings, open_port
 from fte_sniff.errors import PortError
 from fte_sniff.protocol.spec import Direction
@@ -29,18 +27,6 @@ def test_a_probe_names_the_baud_with_most_bytes_in_frames() -> None:
     }
     assert probe_finding("/dev/p", found).fix == "fte-sniff live /dev/p --baud 38400"
     assert "no common baud gives frames" in probe_finding("/dev/p", {}).what
-
-
-FREE = PortListing("/dev/x", None, None, None, None, None, "n/a", True, ())
-
-
-def test_a_port_is_free_busy_or_forbidden():
-    busy = replace(FREE, holders=(Holder(7, "picocom"),))
-    assert [port.state for port in (FREE, busy, replace(busy, permitted=False))] == [
-        "free",
-        "busy",
-        "forbidden",
-    ]
 
 
 FOR_EVER_S = 60.0
