@@ -55,8 +55,8 @@ from fte_sniff.tui.table import RowTable, TableHeader
 from fte_sniff.tui.typed import Turn, TypedKeys
 from fte_sniff.tui.view import Span, View
 
-TICK_S: Final = 0.1
-"""Time between two polls of the feed: rows come on the screen ten times a second."""
+TICK_S: Final = 0.125
+"""Time between two polls of the feed: rows come on the screen eight times a second."""
 
 NEWS_NS: Final = 500_000_000, 100_000_000
 """Shortest time between two drawings of the motors and the page: while rows come, and while the
