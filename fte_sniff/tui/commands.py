@@ -94,7 +94,7 @@ FIND: Final = (
     Command("f", "filters.ask", "filter the rows: motor = 1 AND rpm > 500", "Filter"),
     Command("F", "filters.accept('')", "show all rows again", "All", Needs.FILTER),
     Command(
-        "backspace", "filters.before", "return to what was shown before", "Return", Needs.EARLIER
+        "backspace", "filters.before", "return to what was shown before", "Back", Needs.EARLIER
     ),
     _rows("x", "filters.only", "show only rows that are like this one in a column"),
     _rows("X", "filters.without", "hide rows that are like this one in a column"),
@@ -165,7 +165,7 @@ SECTIONS: Final[tuple[tuple[str, tuple[Command, ...]], ...]] = (
 """The keys in the help, under their headings."""
 
 FOOTER: Final = (
-    " question_mark q f exclamation_mark e M T slash n F backspace p,space G,end ctrl+s "
+    " question_mark q f exclamation_mark M T slash ctrl+s n backspace p,space G,end F e "
 )
 """The keys of the footer, the most important first."""
 
