@@ -3,83 +3,46 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from typing import Final, Literal
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime, timedelta
+from typing import Final
 
 import polars as pl
-from polars.exceptions import PolarsError
 from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.relations import DEADLINE_NS
 from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.protocol.columns import DERIVED
-from fte_sniff.protocol.rows import Rows
-from fte_sniff.recording.reader import Recording, TimeRange
+from fte_sniff.protocol.rows import Item, Rows
+from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.session.files import Paths, recordings_in
 from fte_sniff.session.inputs import InputReading, recording_input
 
-_NS: dict[Literal["ns", "us", "ms"], int] = {"ns": 1, "us": 10**3, "ms": 10**6}
-_TIMES = (pl.col("time"), *(pl.col("time").cast(pl.Datetime(unit, "UTC")) for unit in _NS))
-"""The column, and as polars rounds it down to compare it with times that are coarser."""
-_CLOSED: tuple[Literal["both", "left", "right", "none"], ...] = ("both", "left", "right", "none")
-_EVER: Final = 0, 2**63 - 1
 _FILE: Final = "file"
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 
-def time_bounds(wanted: pl.Expr) -> tuple[int, int]:
-    """Nanoseconds since 1970 UTC: no row with a `time` outside of them passes the filter.
-
-    They are those of comparisons with a time that AND joins.
-    """
-    (left, *others), is_ = wanted.meta.pop()[::-1] or [wanted], wanted.meta.eq
-    if len(others) == 1 and is_(left & others[0]):
-        firsts, lasts = zip(time_bounds(left), time_bounds(others[0]), strict=True)
-        return max(firsts), min(lasts)
-    if len(others) == 2 and any(
-        is_(left.is_between(others[0], others[1], closed)) for closed in _CLOSED
-    ):
-        return _time_of(left, others[0])[0], _time_of(left, others[1])[1]
-    if len(others) == 1:
-        for low, high in ((left, others[0]), (others[0], left)):
-            if is_(low < high) or is_(low <= high) or is_(high > low) or is_(high >= low):
-                return _time_of(high, low)[0], _time_of(low, high)[1]
-    return _EVER
-
-
-def _time_of(column: pl.Expr, bound: pl.Expr) -> tuple[int, int]:
-    """The first and the last nanosecond of a bound of the time; `_EVER` if it bounds no time."""
-    if not any(map(column.meta.eq, _TIMES)) or bound.meta.root_names():
-        return _EVER
-    try:
-        found = pl.select(bound).to_series()
-    except PolarsError:
-        return _EVER
-    kind, count = found.dtype, found.to_physical()
-    if (
-        not isinstance(kind, pl.Datetime)
-        or not kind.time_zone
-        or len(found) != 1
-        or count[0] is None
-    ):
-        return _EVER
-    unit = _NS[kind.time_unit]
-    return max(0, count[0] * unit), min(count[0] * unit + unit - 1, _EVER[1])
-
-
-def scan(paths: Paths, *, file_column: bool = False) -> pl.LazyFrame:
+def scan(
+    paths: Paths,
+    *,
+    start: datetime | None = None,
+    end: datetime | None = None,
+    file_column: bool = False,
+) -> pl.LazyFrame:
     """Recordings as a lazy table with the columns of the row contract; see `read` for their types.
 
     Only what a query needs is read and decoded: its columns, its rows as they pass its filter, and
-    no more rows than it asks for. A filter such as `pl.col("time") >= start`, alone or joined by
-    AND, skips the chunks before it, and `pl.col("time") < end` those after it. A file is opened
-    when the query reaches it.
+    no more rows than it asks for. A file is opened when the query reaches it. With `start` and
+    `end`, the chunks outside of them are skipped, which a filter of `time` does not do.
     Rows come in batches of about 64 thousand, so a recording of any size needs bounded memory with
     `collect(engine="streaming")` and the `sink_` methods.
 
     Args:
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these;
             rows come in the order of the recordings' first times.
+        start: only rows from this time on; it has a zone.
+        end: only rows before this time; it has a zone.
         file_column: whether to add the column `file`, the path as text.
 
     Raises:
@@ -88,22 +51,24 @@ def scan(paths: Paths, *, file_column: bool = False) -> pl.LazyFrame:
 
     Warns:
         RecordingWarning: a file is damaged, and rows may be missing; one line for each file says
-            what is lost, as `decode` does. Chunks that the query skips are not checked.
+            what is lost, as `decode` does. Chunks that are skipped are not checked.
     """
     files = [reader.path for reader in _in_order(paths)]
     schema = dict(TABLE_SCHEMA) | ({_FILE: pl.String()} if file_column else {})
+    span = TimeRange(
+        EVERYTHING.first_ns if start is None else _ns_of(start),
+        EVERYTHING.end_ns if end is None else _ns_of(end),
+    )
 
     def batches(
         names: list[str] | None, wanted: pl.Expr | None, limit: int | None, _size: int | None
     ) -> Iterator[pl.DataFrame]:
-        # Where rows are numbered, those that do not pass count too, so none may be passed over.
-        bounds = _EVER if wanted is None or limit is not None else time_bounds(wanted)
         needed = {*(names or schema), *(() if wanted is None else wanted.meta.root_names())}
-        left = _EVER[1] if limit is None else limit
+        left = EVERYTHING.end_ns if limit is None else limit
         for path in files:
             if left <= 0:
                 return
-            for rows in _rows_of(Recording(path), *bounds, facts=not DERIVED.isdisjoint(needed)):
+            for rows in _rows_of(Recording(path), span, facts=not DERIVED.isdisjoint(needed)):
                 frame = table_frame(rows[:left], needed | {"offset"})
                 left -= len(frame)
                 if _FILE in needed:
@@ -117,6 +82,10 @@ def scan(paths: Paths, *, file_column: bool = False) -> pl.LazyFrame:
     return register_io_source(batches, schema=schema, is_pure=True)
 
 
+def _ns_of(time: datetime) -> int:
+    return (time - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
 def read(paths: Paths) -> pl.DataFrame:
     """Recordings as a table with the columns of the row contract.
 
@@ -127,7 +96,7 @@ def read(paths: Paths) -> pl.DataFrame:
     """
     frames = [pl.DataFrame(schema=dict(TABLE_SCHEMA))]
     for reader in _in_order(paths):
-        for rows in _rows_of(reader, *_EVER, facts=True):
+        for rows in _rows_of(reader, EVERYTHING, facts=True):
             frames.append(table_frame(rows))
     return pl.concat(frames, rechunk=False)
 
@@ -138,26 +107,17 @@ def _in_order(paths: Paths) -> list[Recording]:
     return sorted(readers, key=lambda one: (one.times is None, one.times or ()))
 
 
-_MOST_LOSSES: Final = 5
-"""Losses that the warning of a file lists; of more it gives the number."""
-
-
-def _rows_of(reader: Recording, first_ns: int, last_ns: int, *, facts: bool) -> Iterator[Rows]:
-    """The rows between two times, and perhaps more; warns of what is lost.
+def _rows_of(reader: Recording, span: TimeRange, *, facts: bool) -> Iterator[Rows]:
+    """The rows in a span; warns of what is lost.
 
     Facts depend on rows before and after, and do not span a gap.
     """
+    items: Iterable[Item] = reader.items(span)
     if facts:
-        end_ns = min(last_ns, _EVER[1] - DEADLINE_NS - 1) + DEADLINE_NS + 1
-        span = TimeRange(max(0, first_ns - DEADLINE_NS), end_ns)
-        reading = InputReading([recording_input(reader)], span, facts=True)
-        yield from (item for item in reading if isinstance(item, Rows) and len(item))
-    else:
-        span = TimeRange(first_ns, min(last_ns, _EVER[1] - 1) + 1)
-        yield from (item for item in reader.items(span) if isinstance(item, Rows))
-    lost = reader.losses
-    if len(lost) > _MOST_LOSSES:
-        lost[_MOST_LOSSES:] = [f"{len(lost) - _MOST_LOSSES} more losses"]
-    if lost:
-        losses = printable(f"{reader.path}: {'; '.join(lost)}")
+        end_ns = min(span.end_ns, EVERYTHING.end_ns - DEADLINE_NS) + DEADLINE_NS
+        wider = TimeRange(max(0, span.first_ns - DEADLINE_NS), end_ns)
+        items = span.within(InputReading([recording_input(reader)], wider, facts=True))
+    yield from (item for item in items if isinstance(item, Rows))
+    if reader.losses:
+        losses = printable(f"{reader.path}: {'; '.join(reader.losses)}")
         warnings.warn(losses, RecordingWarning, stacklevel=3)  # of the caller of `read`
