@@ -8,7 +8,7 @@ Each port has its framer. A row waits until no other port can have one of an ear
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -19,7 +19,7 @@ from fte_sniff.errors import FteSniffError, InputTextError, unreadable
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Fault, byte_time_ns
+from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 from fte_sniff.session.merge import EVER, Lane, Merge
 
 SPAN_BYTES: Final = 1 << 19
@@ -64,8 +64,7 @@ def rows_of_chunks(
 
     Args:
         chunks: their times may fall, and are None for bytes without times.
-        note: called at the end with what is remarkable about the bytes, such as that they end
-            within a frame.
+        note: called at the end if few of the bytes are in frames.
         baud: bits per second.
 
     Raises what the chunks raise, after the rows before it.
@@ -95,7 +94,7 @@ def rows_of_chunks(
     yield from _decided(merge, wires.values(), EVER)
     if failure is not None:
         raise failure
-    for text in _remarks([*wires.values()], baud):
+    if (text := _remark([*wires.values()])) is not None:
         note(text)
 
 
@@ -114,11 +113,6 @@ class _Wire:
     def __init__(self, port: str, baud: int) -> None:
         self.port, self.framer, self.lane = port, Framer(port, baud), Lane()
         self.size = self.frames = 0
-        self.first_ns: int | None = None
-        self.last_ns = 0
-        """The latest time."""
-        self.last: Rows | None = None
-        """The rows that were decided last."""
         self._chunks: list[tuple[int, int]] = []
         """The offset after each chunk, and its number."""
 
@@ -127,14 +121,10 @@ class _Wire:
         self.framer.push(chunk)
         self.size += len(chunk.data)
         self._chunks.append((self.size, number))
-        if (t_ns := chunk.t_ns) is not None:
-            self.first_ns = t_ns if self.first_ns is None else self.first_ns
-            self.last_ns = t_ns if t_ns > self.last_ns else self.last_ns
 
     def drain(self, number: int) -> None:
         """Put the rows that were decided into the lane, by the numbers of their chunks."""
         if len(rows := self.framer.drain()):
-            self.last = rows
             self.frames += int(rows.framed.sum())
             stops, numbers = np.array(self._chunks).T
             self.lane.put(rows, numbers[np.searchsorted(stops, rows.offset, "right")])
@@ -142,43 +132,22 @@ class _Wire:
             del self._chunks[: int(np.searchsorted(stops, decided, "right"))]
         self.lane.reached = self._chunks[0][1] if self._chunks else number
 
-    def share(self, baud: int) -> float:
-        """The share of the time between the first and the last chunk that all bytes take."""
-        span_ns = self.last_ns - (self.first_ns or 0)
-        return self.size * byte_time_ns(baud) / span_ns if span_ns else 0
-
-
-# What is remarkable
 
 _LOW: Final = 0.5
 """Share of bytes in frames, from which on it is not low."""
-_DENSE: Final = 2.0
-"""Share of the time that bytes take, from which on their times are wrong."""
 _MANY_BYTES: Final = 100
 
 
-def _remarks(wires: list[_Wire], baud: int) -> Iterator[str]:
-    """What is remarkable about all bytes, one line each."""
+def _remark(wires: Sequence[_Wire]) -> str | None:
+    """A line if few of all bytes are in frames."""
     size = sum(wire.size for wire in wires)
     in_frames = FRAME_LENGTH * sum(wire.frames for wire in wires)
-    ports = [wire.port for wire in wires]
+    if size < _MANY_BYTES or not 0 < in_frames < _LOW * size:
+        return None
     # The wires of a log are named by it, those of an MCAP file by their topics.
+    ports = [wire.port for wire in wires]
     name = (ports[0].rpartition(":")[0] if len(ports) > 1 else "") or ", ".join(ports)
-    if size >= _MANY_BYTES and 0 < in_frames < _LOW * size:
-        yield (
-            f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"
-            " recording, or say with --input-regex where the bytes of a log are"
-        )
-    share = max((wire.share(baud) for wire in wires if wire.size >= _MANY_BYTES), default=0)
-    if share > _DENSE:
-        yield (
-            f"{name}: rows are too dense in time for {baud} baud ({share:,.0%}); its times may be"
-            " days"
-        )
-    for wire in wires:
-        row = wire.last[-1] if wire.last is not None else None
-        if row is not None and Fault.TRUNCATED in row.faults:
-            yield (
-                f"{wire.port}: ends in the middle of a frame ({len(row.raw)} of"
-                f" {FRAME_LENGTH} bytes)"
-            )
+    return (
+        f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"
+        " recording, or say with --input-regex where the bytes of a log are"
+    )

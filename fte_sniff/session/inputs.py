@@ -120,7 +120,7 @@ TROUBLES: Final = MappingProxyType(
 """What the events mean that report bytes of a recording as missing or damaged."""
 
 Note: TypeAlias = Callable[[str], None]
-"""Receives one line for the user about an input, such as that it ends within a frame."""
+"""Receives one line for the user about an input, such as that a part of it is damaged."""
 
 Times: TypeAlias = tuple[int, int] | None
 """First and last time, nanoseconds since 1970 UTC; None without times."""
