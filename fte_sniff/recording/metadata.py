@@ -19,10 +19,6 @@ PROGRAM: Final = "fte-sniff"
 PART_FACTS: Final = ("part", "previous")
 """The items that give a file's position in the sequence of a capture."""
 
-END_NAME: Final = f"{PROGRAM}.end"
-"""The metadata record of a file that ended because a limit was reached, while the capture went on.
-"""
-
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:

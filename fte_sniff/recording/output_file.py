@@ -1,8 +1,8 @@
 """A file that is written: its name, lock and identity; why a recording stopped.
 
 A file gets its name once it is complete, a recording once its head is written, so none is ever
-empty; what it replaces stays until then. On Windows, where an open file cannot get another name, a
-recording has its name at once.
+empty; what it replaces stays until then. On Windows, an open file cannot get another name: there
+a recording is closed for that moment.
 
 Another program may put its own file on the name at any time, or overwrite ours. So a file that is
 to be deleted is known by its identity, of which the time of the last change is a part.
@@ -10,7 +10,6 @@ to be deleted is known by its identity, of which the time of the last change is 
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 from collections.abc import Iterator, Mapping
@@ -45,24 +44,19 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
             yield wanted.with_stem(f"{wanted.stem}-{number}")
 
 
-def _error(code: int) -> OSError:
-    return OSError(code, os.strerror(code))
-
-
 class OutputFile:
-    """A new file that is locked, and that `commit` gives its name."""
+    """A new file with a private name, which is locked, until `commit` gives it its name."""
 
-    def __init__(
-        self, path: Path, existing: Existing, mode: int = 0o666, *, is_hidden: bool = POSIX
-    ) -> None:
-        """A file that `create` makes, with a private name if it `is_hidden`; else with its own."""
+    def __init__(self, path: Path, existing: Existing, mode: int = 0o666) -> None:
+        """A file that `create` makes."""
         self.path = path
         """The file's name once `commit` was called."""
-        self._existing, self._mode, self._is_hidden = existing, mode, is_hidden
-        self._is_made = self._is_named = False
+        self._existing, self._mode, self._is_named = existing, mode, False
         self.descriptor = _CLOSED
-        self.made = path
-        """The name that the file has until `commit`."""
+        self.made = path.parent / f".fte-sniff-{token_hex(8)}.part"
+        """The name that the file has until `commit`; nobody else has it."""
+        self.identity: KnownFile | None = None
+        """What the file is, once it is closed."""
 
     def create(self) -> None:
         """Make the file, empty; `discard` deletes it, also if this is interrupted.
@@ -71,12 +65,12 @@ class OutputFile:
         program records to the file, or it is not a regular file.
         """
         self._check()
-        self._make()
+        self._open(self.made, "O_CREAT", "O_EXCL")
 
     def _check(self) -> None:
         """Check that the file may have its name: that no other program records to it."""
         if self.path.is_dir():
-            raise _error(errno.EISDIR)
+            raise IsADirectoryError
         if not os.path.lexists(self.path):
             return
         # A link is not followed: its target would stay, or be a device.
@@ -86,7 +80,7 @@ class OutputFile:
         if not self.path.is_file():
             raise FileError("{path} is not a regular file; name another", path=self.path)
         if self._existing is Existing.REFUSE:
-            raise _error(errno.EEXIST)
+            raise FileExistsError
         if self._existing is Existing.REPLACE:
             with suppress(OSError), self.path.open("rb") as file:
                 if is_locked(file.fileno()):
@@ -95,27 +89,17 @@ class OutputFile:
                         path=self.path,
                     )
 
-    def _make(self) -> None:
-        flags = open_flags("O_RDWR", "O_CREAT", "O_EXCL", "O_CLOEXEC")
-        for path in file_names(self.path, self._existing):
-            self.made, self._is_made = path, False
-            if self._is_hidden:  # nobody else has the name, so it may be deleted at any moment
-                self.made, self._is_made = path.with_name(f".fte-sniff-{token_hex(8)}.part"), True
-            with suppress(FileExistsError):
-                if not self._is_hidden and self._existing is Existing.REPLACE:
-                    path.unlink(missing_ok=True)
-                self.descriptor = os.open(self.made, flags, self._mode)
-                self._is_made = True
-                with suppress(OSError):  # a file system without locks
-                    try_to_lock(self.descriptor)
-                return
-        raise _error(errno.EEXIST)
+    def _open(self, path: Path, *flags: str) -> None:
+        flags = ("O_RDWR", "O_CLOEXEC", "O_NOFOLLOW", *flags)
+        self.descriptor = os.open(path, open_flags(*flags), self._mode)
+        with suppress(OSError):  # a file system without locks
+            try_to_lock(self.descriptor)
 
     def commit(self) -> None:
         """Give the file its name; raises OSError, and FileError if another program has the name."""
-        if not self._is_hidden:
-            self.path = self.made
-        elif self._existing is Existing.REPLACE:
+        if not POSIX:  # an open file cannot get another name
+            self.close()
+        if self._existing is Existing.REPLACE:
             self._check()  # another file may have the name by now
             with suppress(OSError):  # there is none to replace, or the file system has no modes
                 self.made.chmod(stat.S_IMODE(self.path.stat().st_mode))
@@ -123,6 +107,8 @@ class OutputFile:
         else:
             self.path = self._link()
         self._is_named = True
+        if not POSIX:
+            self._open(self.path)
         sync_folder(self.path.parent)
 
     def _link(self) -> Path:
@@ -138,28 +124,26 @@ class OutputFile:
                 else:
                     self.made.unlink()
                 return path
-        raise _error(errno.EEXIST)
+        raise FileExistsError
 
     def discard(self) -> None:
         """Close the file, and delete it unless it has its name; what it was to replace is kept."""
         self.close()
-        if self._is_made and not self._is_named:
+        if not self._is_named:
             with suppress(OSError):
                 self.made.unlink()
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the file was made, and is not closed."""
+        return self.descriptor != _CLOSED
+
     def close(self) -> None:
         """Close the file, which also unlocks it. Closing again does nothing."""
-        if self.descriptor != _CLOSED:
+        if self.is_open:
+            self.identity = KnownFile.of(self.path, os.fstat(self.descriptor))
             os.close(self.descriptor)
             self.descriptor = _CLOSED
-
-    @property
-    def identity(self) -> KnownFile | None:
-        """What the file is; None if it was deleted, or cannot be read."""
-        with suppress(OSError):
-            found = os.fstat(self.descriptor)
-            return KnownFile.of(self.path, found) if found.st_nlink else None
-        return None
 
     def check(self, least: int) -> None:
         """Raise LostDataError unless the path leads to the file, with this size at least."""

@@ -48,7 +48,6 @@ from fte_sniff.recording.chunks import (
     walk,
 )
 from fte_sniff.recording.metadata import (
-    END_NAME,
     PROGRAM,
     PortFacts,
     Selection,
@@ -198,11 +197,6 @@ class Recording:
         """The filters that selected the rows of the file."""
         found = [selection_from_metadata(one.name, one.metadata) for one in self.contents.metadata]
         return [selection for selection in found if selection is not None]
-
-    @property
-    def limit(self) -> str:
-        """The limit at which the recording ended, text from the file; empty if it names none."""
-        return self.metadata.get(END_NAME, {}).get("reason", "")
 
     @property
     def is_whole(self) -> bool:

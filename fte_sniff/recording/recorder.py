@@ -2,9 +2,9 @@
 
     NAME_00001 --rotation--> NAME_00002 --disk full--> (gap) --space again--> NAME_00003
 
-A flush writes the rows that wait: when `RecordingOptions.flush_every_s` has passed or a view
-requests it, when `MOST_ROWS` rows wait, before a rotation, and at the end. Once a second it waits
-for the disk, too. Rows that were not flushed go into the next file.
+A flush writes the rows that wait: once a second, when a view requests it, when `MOST_ROWS` rows
+wait, and at the end. The flush of each second waits for the disk, too. Rows that were not flushed
+go into the next file.
 While no file can be made, the newest `MOST_WAITING` rows wait for the next file; older ones are
 counted as a gap. `keep_bytes` deletes the oldest files of the capture; each file reports the gaps
 of the files before it, too.
@@ -24,17 +24,16 @@ from typing import Final
 
 from mcap.records import Metadata
 
-from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text
+from fte_sniff.errors import FileError, TranslatableText, reason_of, size_text, unwritable
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
-from fte_sniff.recording.metadata import (
-    END_NAME,
-    GAP_NAME,
-    PortFacts,
-    gap_to_metadata,
-)
+from fte_sniff.recording.metadata import GAP_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.output_file import Existing, KnownFile
 from fte_sniff.recording.writer import MOST_ROWS, Entry, RecordingWriter, portions, row_count
+
+FLUSH_NS: Final = 1_000_000_000
+"""Nanoseconds between two flushes that wait for the disk: a power cut costs the rows of this time.
+"""
 
 RETRY_S: Final = 5.0
 """Seconds from a failure to the next attempt to record again."""
@@ -52,11 +51,8 @@ _FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """When rows reach the disk, when the next file begins, and when old files are deleted."""
+    """When the next file begins, and when old files are deleted."""
 
-    flush_every_s: float = 1.0
-    """Seconds between two flushes that wait for the disk: a power cut costs the rows of this time.
-    """
     rotate_bytes: int | None = None
     """Size at which the next file begins; None for no limit."""
     rotate_s: float | None = None
@@ -78,17 +74,6 @@ class RecordingOptions:
         if self.rotate_bytes is not None or self.rotate_s is not None or self.keep_bytes is None:
             return self.rotate_bytes
         return min(_ROTATE_BYTES, self.keep_bytes // _FILES)
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The files of a finished capture."""
-
-    first: Path
-    """The oldest file that was not deleted for space."""
-    last: Path
-    deleted_files: int = 0
-    deleted_rows: int = 0
 
 
 class Recorder:
@@ -116,46 +101,55 @@ class Recorder:
         """
         self._options = options or RecordingOptions()
         self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
-        self._base, self._number = path, 1
+        self._base = path
+        self.files: list[Path] = []
+        """All files, in order; the last one is written, unless the recorder `is_stopped`."""
         self._closed: list[tuple[KnownFile, int]] = []
         """The files that are complete, each with its rows; the oldest may be deleted."""
+        self.deleted_files = self.deleted_rows = 0
         self._gaps: list[Gap] = []
         """What could not be written; the last gap grows until a file can be written again."""
         self._waiting: list[Entry] = []
         """What waits until a file can be written again."""
-        self._stopped: FileError | None = None
         self.trouble: FileError | None = None
         """Why a file ended before its time, the latest; None if that never happened."""
         self._due_s = -inf
         """When the next file may be tried, in seconds of the monotonic clock."""
         self._flush_ns = 0
-        self._deleted_files = self._deleted_rows = 0
-        wanted, free = self._options.min_free_bytes, self._free_bytes() or 0
-        self._min_free = min(DEFAULT_FREE_BYTES, free // 2) if wanted is None else wanted
-        first = self._name(1) if self._options.rotates else path
-        if limit := self._limit_reached():
-            raise FileError(
-                "{path} cannot be recorded: {limit}; free space, or change the limit",
-                path=first,
-                limit=limit,
-            )
+        wanted = self._options.min_free_bytes
+        self._min_free = min(DEFAULT_FREE_BYTES, self._free // 2) if wanted is None else wanted
         self._writer: RecordingWriter | None = None
-        self._writer = writer = RecordingWriter(first, ports, self._facts_of(1), existing=existing)
-        self.path = writer.path
-        """The current file, or the last one."""
-        self.files = [writer.path]
-        """All files, in order."""
+        first = self._name(1) if self._options.rotates else path
+        if (error := self._space_error) is not None:
+            raise unwritable(first, error)
+        self._writer = RecordingWriter(first, ports, self._facts_of(1), existing=existing)
+        self.files.append(self._writer.path)
         if not self._options.rotates:
-            self._base = writer.path
+            self._base = self._writer.path
 
     # What was recorded
+
+    @property
+    def path(self) -> Path:
+        """The current file, or the last one."""
+        return self.files[-1]
+
+    @property
+    def first(self) -> Path:
+        """The oldest file that was not deleted for space."""
+        return self._closed[0][0].path if self._closed else self.path
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether no file can be made, so that rows wait."""
+        return self._writer is None
 
     @property
     def failure(self) -> FileError | None:
         """What was not recorded and why; None if everything was."""
         gaps = self._known_gaps
         if not gaps:
-            return self._stopped
+            return self.trouble if self.is_stopped else None
         count = sum(gap.rows or 0 for gap in gaps)
         return FileError(
             "{what} were not recorded: {reason}",
@@ -171,24 +165,13 @@ class Recorder:
     @property
     def unflushed_rows(self) -> int:
         """Rows that wait for the next flush, or the next file."""
-        return row_count(self._waiting) if self._writer is None else self._writer.unflushed_rows
+        return row_count(self._waiting if self._writer is None else self._writer.unflushed)
 
     @property
     def size(self) -> int:
         """Bytes in all files."""
         closed = sum(file.size for file, _ in tuple(self._closed))
         return closed + (0 if self._writer is None else self._writer.size)
-
-    @property
-    def outcome(self) -> Outcome:
-        """The files so far."""
-        first = self._closed[0][0].path if self._closed else self.path
-        return Outcome(first, self.path, self._deleted_files, self._deleted_rows)
-
-    @property
-    def is_stopped(self) -> bool:
-        """Whether no file can be made, so that rows wait."""
-        return self._stopped is not None
 
     # What is recorded
 
@@ -199,11 +182,11 @@ class Recorder:
                 self._wait([entry])
                 continue
             self._writer.write(entry)
-            if self._writer.unflushed_rows >= MOST_ROWS:
+            if self.unflushed_rows >= MOST_ROWS:
                 self.flush(waits=False)
 
     def flush_if_due(self, now_ns: int, *, at_once: bool = False) -> None:
-        """Flush and wait for the disk if the interval has passed at this time, which never falls.
+        """Flush and wait for the disk if a second has passed at this time, which never falls.
 
         With `at_once`, flush at other times too, without waiting for the disk.
         """
@@ -214,8 +197,7 @@ class Recorder:
         began_ns = time.monotonic_ns()
         self.flush()
         # On a slow disk, the next flush writes all that came during this one.
-        took_ns = time.monotonic_ns() - began_ns
-        self._flush_ns = now_ns + max(round(self._options.flush_every_s * 1e9), took_ns)
+        self._flush_ns = now_ns + max(FLUSH_NS, time.monotonic_ns() - began_ns)
 
     def flush(self, *, waits: bool = True) -> None:
         """Push all rows into the file, and onto the disk; begin another file if that is due."""
@@ -230,14 +212,12 @@ class Recorder:
             self._fail(writer, failure)
             return
         if self._is_rotation_due(writer) and self._begin_next():
-            with suppress(FileError):  # all rows are flushed, so the file is valid
-                writer.close()
             self._put_away(writer)
         limit_bytes = self._options.keep_bytes
         while limit_bytes is not None and self.size > limit_bytes and self._delete_oldest():
             pass
-        if self._writer is not None and (limit := self._limit_reached()):
-            self._stop(self._writer, limit)
+        if self._writer is not None and (error := self._space_error) is not None:
+            self._fail(self._writer, self._writer.stopped_by(error))
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
@@ -247,7 +227,6 @@ class Recorder:
             if (writer := self._writer) is not None:
                 try:
                     writer.close()
-                    self._writer = None
                 except FileError as failure:
                     self._fail(writer, failure)
         self._miss(self._waiting)
@@ -269,28 +248,24 @@ class Recorder:
         False if that fails: then no file is left, and the next attempt is made later.
         """
         self._due_s = time.monotonic() + RETRY_S
-        if self._limit_reached():
+        if self._space_error is not None:
             return False
-        name, facts = self._name(self._number + 1), self._facts_of(self._number + 1)
+        number = len(self.files) + 1
         is_forced = self._existing is Existing.REPLACE
         existing = Existing.REPLACE if is_forced else Existing.NUMBER
+        facts, writer = self._facts_of(number), None
         try:
-            writer = RecordingWriter(name, self._ports, facts, existing=existing)
-        except FileError:
-            return False
-        try:
+            writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
             for gap in self._known_gaps:
                 writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
             writer.write(*self._waiting)
             writer.flush()
         except FileError:
-            writer.abandon()
-            with suppress(OSError):
-                if writer.identity is not None:
+            if writer is not None and writer.identity is not None:
+                with suppress(OSError):
                     writer.identity.delete()
             return False
-        self._number, self._due_s, self._waiting = self._number + 1, -inf, []
-        self._stopped, self._writer, self.path = None, writer, writer.path
+        self._due_s, self._waiting, self._writer = -inf, [], writer
         self.files.append(writer.path)
         return True
 
@@ -302,50 +277,35 @@ class Recorder:
         return writer.size >= size or seconds >= age
 
     def _put_away(self, writer: RecordingWriter) -> None:
-        """Close a file as it is, and keep account of it if it is still there."""
-        writer.abandon()
+        """Close a file, and keep account of it if it is still there."""
+        with suppress(FileError):  # what was flushed is in a valid file
+            writer.close()
         if writer.identity is not None and not writer.is_gone:
             self._closed.append((writer.identity, writer.flushed_rows))
 
     # Errors and gaps
 
-    def _fail(self, writer: RecordingWriter, failure: FileError, reason: str = "") -> None:
+    def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
         """Report that a file cannot be written any more, and try to go on with the next one."""
-        self._writer = None
+        self._writer, self.trouble = None, failure
         self._put_away(writer)
-        cause = failure.__cause__
-        is_full = isinstance(cause, OSError) and cause.errno in _FULL
-        self._stopped = self.trouble = failure
-        why = reason_of(cause) if isinstance(cause, OSError) else reason
-        gap = Gap(GapKind.WRITE_ERROR, 0, reason=why)
+        error = failure.__cause__
+        assert isinstance(error, OSError)
+        gap = Gap(GapKind.WRITE_ERROR, 0, reason=reason_of(error))
         if writer.is_gone and writer.span_ns is not None:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
         self._gaps.append(gap)
         self._wait(writer.unflushed)
         may_try = time.monotonic() >= self._due_s
-        if is_full and self._options.keep_bytes is not None:
+        if error.errno in _FULL and self._options.keep_bytes is not None:
             may_try = self._delete_oldest()
         if may_try:
             self._begin_next()
         self._due_s = time.monotonic() + RETRY_S
 
-    def _stop(self, writer: RecordingWriter, limit: str) -> None:
-        """End a file because a limit is reached."""
-        with suppress(FileError):  # all rows are flushed, and the file is valid
-            writer.write_metadata(Metadata(END_NAME, {"reason": str(limit)}))
-            writer.close()
-        failure = FileError(
-            "recording stopped: {limit}; {path} is complete up to there ({rows:,} rows); free "
-            "space, or change the limit",
-            limit=limit,
-            path=writer.path,
-            rows=writer.flushed_rows,
-        )
-        self._fail(writer, failure, limit)
-
     def _wait(self, entries: Iterable[Entry]) -> None:
         """Store what waits for the next file; the oldest of too many rows are not recorded."""
-        self._waiting += entries if self._stopped is not None else ()
+        self._waiting += entries
         while row_count(self._waiting) > MOST_WAITING:
             self._miss([self._waiting.pop(0)])
 
@@ -370,23 +330,23 @@ class Recorder:
         oldest, rows = self._closed.pop(0)
         with suppress(OSError):
             if oldest.delete():
-                self._deleted_files += 1
-                self._deleted_rows += rows
+                self.deleted_files += 1
+                self.deleted_rows += rows
         return True
 
-    def _limit_reached(self) -> str:
-        """Why the disk has too little space, in words; empty if it has enough."""
-        free = self._free_bytes()
-        if free is None or free >= self._min_free:
-            return ""
-        return TranslatableText(
-            "the disk has only {left} free (--min-free {free})",
-            left=size_text(free),
-            free=size_text(self._min_free),
-        )
+    @property
+    def _space_error(self) -> OSError | None:
+        """The error of a disk that has too little space; None if it has enough."""
+        if (free := self._free) >= self._min_free:
+            return None
+        left, least = size_text(free), size_text(self._min_free)
+        form = "the disk has only {left} free (--min-free {free})"
+        return OSError(0, TranslatableText(form, left=left, free=least))
 
-    def _free_bytes(self) -> int | None:
-        """Free bytes of the disk; None if unknown."""
-        with suppress(OSError):
+    @property
+    def _free(self) -> int:
+        """Free bytes of the disk; very many if that is unknown."""
+        try:
             return shutil.disk_usage(self._base.parent).free
-        return None
+        except OSError:
+            return 1 << 62

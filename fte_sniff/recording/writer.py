@@ -19,7 +19,7 @@ from __future__ import annotations
 import os
 import struct
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Final, NamedTuple, Self, TypeAlias
@@ -53,6 +53,7 @@ from fte_sniff.recording.output_file import (
     Existing,
     KnownFile,
     LostDataError,
+    OutputFile,
     created,
     stopped_by_error,
 )
@@ -125,15 +126,15 @@ class AppendFile:
     program cannot.
     """
 
-    def __init__(self, descriptor: int, head: bytes, tail: bytes) -> None:
+    def __init__(self, output: OutputFile, head: bytes, tail: bytes) -> None:
         """Begin an empty file, which the caller closes; raises OSError."""
-        self._descriptor = descriptor
+        self._output = output
         self.end = len(head)
         """Where the next data begins."""
         self._tail = tail
         """The bytes behind it, which the next data overwrites: the end of the file."""
         self._write(head + tail, 0)
-        self.sync()
+        self._sync()
 
     @property
     def size(self) -> int:
@@ -143,24 +144,26 @@ class AppendFile:
     def append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
         """Write data and a new tail.
 
-        Raises LostDataError, or another OSError, and the file has its old tail then.
+        Raises LostDataError if another program took the file; or another OSError, and the file has
+        its old tail then.
         """
         start, size, new = self.end, self.size, data + tail
         after = max(start + len(new), size)
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
+        self._output.check(size)
         try:
             self._write(END, after)
             self._settle(after + len(END), waits=waits)
             self._write(private + new[HEAD.size :], start)
             self._settle(after + len(END), waits=waits)
             self._write(new[: HEAD.size], start)
-            os.ftruncate(self._descriptor, start + len(new))
+            os.ftruncate(self._output.descriptor, start + len(new))
             self._settle(start + len(new), waits=waits)
         except LostDataError:
             raise
         except OSError:
             self._write(self._tail, start)
-            os.ftruncate(self._descriptor, size)
+            os.ftruncate(self._output.descriptor, size)
             raise
         self.end, self._tail = start + len(data), tail
 
@@ -170,19 +173,17 @@ class AppendFile:
         The next write would fill what is missing with zeros.
         """
         if waits:
-            self.sync()
-        if os.fstat(self._descriptor).st_size < least:
-            raise LostDataError
+            self._sync()
+        self._output.check(least)
 
-    def sync(self) -> None:
-        """Wait until the disk has what was written; raises OSError."""
-        sync_data(self._descriptor)
+    def _sync(self) -> None:
+        sync_data(self._output.descriptor)
         self.is_synced = True
 
     def _write(self, data: bytes, offset: int) -> None:
         view, self.is_synced = memoryview(data), False
         while view:
-            written = write_at(self._descriptor, view, offset)
+            written = write_at(self._output.descriptor, view, offset)
             view, offset = view[written:], offset + written
 
 
@@ -398,9 +399,7 @@ class RecordingWriter:
         Raises FileError if the file exists, another program records to it, its folder does not
         exist, or the system refuses it. The disk is unchanged then.
         """
-        self.identity: KnownFile | None = None
-        """What the file is once it is closed; None if it was deleted."""
-        self.is_gone = self._is_closed = False
+        self.is_gone = False
         """Whether the file was deleted, moved, replaced or cut off."""
         self.unflushed: list[Entry] = []
         self.flushed_rows = 0
@@ -409,8 +408,7 @@ class RecordingWriter:
         """First and last log time in the file; None without any."""
         self._encoder = Encoder(ports, facts or {})
         with created(path, existing) as self._output:
-            head, tail = self._encoder.head, self._encoder.tail
-            self._file = AppendFile(self._output.descriptor, head, tail)
+            self._file = AppendFile(self._output, self._encoder.head, self._encoder.tail)
             self._output.commit()
         self.path = self._output.path
         """The file's name."""
@@ -420,65 +418,63 @@ class RecordingWriter:
         """Bytes in the file, without its end."""
         return self._file.end
 
-    @property
-    def unflushed_rows(self) -> int:
-        """Rows that wait for a flush."""
-        return row_count(self.unflushed)
-
     def write(self, *entries: Entry) -> None:
         """Write rows and port events; `flush` stores them."""
         self.unflushed += [one for one in entries if isinstance(one, PortEvent) or len(one)]
 
     def write_metadata(self, record: Metadata) -> None:
         """Write one more metadata record; raises as `flush`."""
-        self._append(self._encoder.metadata(record, self._file.end), self._encoder.tail)
+        self._append(self._encoder.metadata(record, self._file.end))
 
     def flush(self, *, waits: bool = True) -> None:
-        """Write a chunk of all that is pending; raises FileError.
+        """Write a chunk of all that is pending; raises FileError, and the file is closed then.
 
         With `waits`, the disk has it then, and all that came before.
         """
-        if not self.unflushed:
-            if waits and not self._file.is_synced:
-                self._do(self._file.sync)
-            return
-        messages = self._encoder.messages(self.unflushed)
-        chunk = self._encoder.chunk(messages, packed(messages), self._file.end)
-        self._append(chunk, self._encoder.tail, waits=waits)
-        self.flushed_rows += self.unflushed_rows
-        self.unflushed = []
-        self.span_ns = self._encoder.times
+        if self.unflushed:
+            messages = self._encoder.messages(self.unflushed)
+            chunk = self._encoder.chunk(messages, packed(messages), self._file.end)
+            self._append(chunk, waits=waits)
+            self.flushed_rows += row_count(self.unflushed)
+            self.unflushed = []
+            self.span_ns = self._encoder.times
+        elif waits and not self._file.is_synced:
+            self._append(b"")
 
     def close(self) -> None:
         """Flush, write the summary, and close; raises FileError, and the file is closed then.
 
         Closing again does nothing.
         """
-        if self._is_closed:
-            return
-        try:
-            self.flush()
-            self._append(b"", self._encoder.summary(self._file.end))
-        finally:
-            self.abandon()
+        if self._output.is_open:
+            try:
+                self.flush()
+                self._append(b"", self._encoder.summary(self._file.end))
+            finally:
+                self.abandon()
 
     def abandon(self) -> None:
         """Close the file as it is; it has no summary. Closing again does nothing."""
-        if not self._is_closed:
-            self._is_closed = True
-            self.identity = self._output.identity
-            self._output.close()
+        self._output.close()
 
-    def _append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
-        self._do(lambda: self._file.append(data, tail, waits=waits))
+    @property
+    def identity(self) -> KnownFile | None:
+        """What the file is, once it is closed."""
+        return self._output.identity
 
-    def _do(self, write: Callable[[], None]) -> None:
+    def stopped_by(self, error: OSError) -> FileError:
+        """The error, with its cause, of a recording that the system does not let go on."""
+        found = stopped_by_error(self.path, error, self.flushed_rows)
+        found.__cause__ = error
+        return found
+
+    def _append(self, data: bytes, tail: bytes | None = None, *, waits: bool = True) -> None:
         try:
-            self._output.check(self._file.size)
-            write()
+            self._file.append(data, tail or self._encoder.tail, waits=waits)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
-            raise stopped_by_error(self.path, error, self.flushed_rows) from error
+            self.abandon()
+            raise self.stopped_by(error) from error
 
     def __enter__(self) -> Self:
         return self

@@ -171,7 +171,6 @@ class CaptureLoop:
     def state(self) -> CaptureState:
         """How far it is; any thread may read it."""
         since_s, recorder, is_ended = self._writing_since_s, self._recorder, self.ended.is_set()
-        outcome = recorder.outcome
         return CaptureState(
             [*map(str, recorder.files)],
             None if recorder.is_stopped else str(recorder.path),
@@ -179,9 +178,9 @@ class CaptureLoop:
             self._error if is_ended else recorder.trouble,
             is_ended,
             self._reason,
-            str(outcome.first) if is_ended else None,
-            outcome.deleted_files,
-            outcome.deleted_rows,
+            str(recorder.first) if is_ended else None,
+            recorder.deleted_files,
+            recorder.deleted_rows,
             self._rows,
             recorder.unflushed_rows,
             self._source.waiting,

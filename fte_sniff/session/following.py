@@ -124,7 +124,7 @@ class Follower:
             self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
             return True
         is_over = self._goes_on is not None and not self._goes_on()
-        if has_writer or self._has_lock or reader.limit or is_over:
+        if has_writer or self._has_lock or is_over:
             return not has_writer
         return now_s >= self._changed_s + IDLE_S or reader.find_next() is not None
 
@@ -151,11 +151,7 @@ class Follower:
 
     def _end(self) -> TranslatableText:
         """Why following ended with a file that has no next one."""
-        path, limit = self.reader.path, self.reader.limit
-        if limit:
-            return TranslatableText(
-                "{path}: the recording ended because {reason}", path=path, reason=limit
-            )
+        path = self.reader.path
         if not self._has_lock:
             return TranslatableText(
                 "{path}: nothing was written to it for {seconds:g} s", path=path, seconds=IDLE_S

@@ -255,7 +255,7 @@ class FileExport:
     ) -> None:
         """Create the temporary file; raises FileError."""
         self.path, self.rows = path, 0
-        self._file = OutputFile(path, existing, is_hidden=True)
+        self._file = OutputFile(path, existing)
         self.sink: Sink | None = None
         with self._abandoned_on_error():
             self._file.create()
@@ -273,8 +273,8 @@ class FileExport:
         assert self.sink is not None
         with self._abandoned_on_error():
             self.sink.close()
-            self._file.close()  # Windows renames no open file
             self._file.commit()
+            self._file.close()
 
     def abandon(self) -> None:
         """Close the file, and delete it unless it has its name."""
@@ -300,11 +300,10 @@ def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
 
     Raises FileError and OSError as `OutputFile`.
     """
-    file = OutputFile(path, Existing.REPLACE, mode, is_hidden=True)
+    file = OutputFile(path, Existing.REPLACE, mode)
     try:
         file.create()
         file.made.write_bytes(content)
-        file.close()
         file.commit()
     finally:
         file.discard()
