@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import count, cycle, islice
 from random import Random
@@ -24,17 +24,18 @@ from urllib.parse import parse_qsl
 import click
 
 from fte_sniff.errors import PortError
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     FRAME_LENGTH,
     KINDS,
     MOTORS,
+    TAIL,
     Direction,
     FrameKind,
     Role,
     byte_time_ns,
     encode,
-    motor_bit,
 )
 from fte_sniff.real_number import RealNumber
 
@@ -129,21 +130,25 @@ class Controller:
         self.motors = {number: Motor() for number in MOTORS}
         self._dice, self._steps = dice, 0
 
-    def obey(self, kind: FrameKind, values: Mapping[str, int]) -> None:
-        """Execute a control frame; ignore one for an unknown motor, and feedback."""
-        given = {field.role: values[field.name] for field in kind.fields}
-        if kind is _RESET:
+    def obey(self, frame: bytes) -> bool:
+        """Execute a command; whether the bytes are a whole frame, be it a command or not."""
+        row = Row("", 0, frame, None)
+        if row.kind is None or frame[-1] != TAIL:
+            return False
+        given = {field.role: row.values[field.name] for field in row.kind.fields}
+        if row.kind is _RESET:
             self.motors = {number: Motor() for number in MOTORS}
-        elif kind is _DRIVE:
+        elif row.kind is _DRIVE:
             turn_cm_s = given[Role.ROTATION] / 1000 * HALF_TRACK_PLUS_HALF_BASE_CM
             for number, (left, rotation) in _WHEELS.items():
                 cm_s = given[Role.FORWARD] + left * given[Role.LEFT] + rotation * turn_cm_s
                 motor = self.motors[number]
-                motor.mode, motor.target_rpm = kind, cm_s * _RPM_PER_CM_S
-        elif kind in (_SPEED, _POSITION) and given[Role.MOTOR] in self.motors:
+                motor.mode, motor.target_rpm = _DRIVE, cm_s * _RPM_PER_CM_S
+        elif row.kind in (_SPEED, _POSITION) and given[Role.MOTOR] in self.motors:
             motor = self.motors[given[Role.MOTOR]]
-            motor.mode, motor.target_rpm = kind, given[Role.SPEED]
+            motor.mode, motor.target_rpm = row.kind, given[Role.SPEED]
             motor.target_pulses = given.get(Role.POSITION, 0)
+        return True
 
     def advance_to(self, t_s: float) -> None:
         """Advance to `t_s`, seconds since the start."""
@@ -156,37 +161,26 @@ class Controller:
         """The feedback frame of one motor in its present mode."""
         motor = self.motors[number]
         cmd = motor.mode.cmds[0]
-        kind = _FEEDBACK_KIND_BY_CMD[cmd]
         jitter = self._dice.randint(-1, 1) if abs(motor.rpm) > STILL_RPM else 0
-        readings = {
+        readings: dict[Role | None, int] = {
             Role.MOTOR: number,
-            Role.ERRORS: 0,
-            Role.ONLINE: sum(1 << motor_bit(one) for one in MOTORS),
             Role.SPEED: round(motor.rpm) + jitter,
-            Role.POSITION: round(motor.pulses),
+            Role.POSITION: (round(motor.pulses) + 2**31) % 2**32 - 2**31,  # a counter wraps
         }
-        values = {
-            # A counter wraps.
-            field.name: (readings[field.role] - field.low) % (field.high - field.low + 1)
-            + field.low
-            for field in kind.fields
-            if field.role in readings
-        }
-        return encode(kind, values, cmd)
+        kind = _FEEDBACK_KIND_BY_CMD[cmd]
+        fields = (field for field in kind.fields if field.role in readings)
+        return encode(kind, {field.name: readings[field.role] for field in fields}, cmd)
 
 
 # The host
 
-Command: TypeAlias = tuple[FrameKind, dict[str, int]]
-"""A kind of control frame and its values by row name."""
-
-Step: TypeAlias = tuple[float, Sequence[Command | None]]
-"""Seconds, and the commands that are sent in turn meanwhile, each at least once; None: a pause."""
+Step: TypeAlias = tuple[float, Sequence[bytes]]
+"""Seconds, and the frames that are sent in turn meanwhile, each at least once; b"": a pause."""
 
 
-def _command(kind: FrameKind, *values: int) -> Command:
+def _command(kind: FrameKind, *values: int) -> bytes:
     """A command; the values are in the order of the frame's fields."""
-    return kind, dict(zip((field.name for field in kind.fields), values, strict=True))
+    return encode(kind, dict(zip((field.name for field in kind.fields), values, strict=True)))
 
 
 _TOP_SPEEDS = dict(zip(MOTORS, (1500, -1200, 900, -600), strict=True))
@@ -197,30 +191,33 @@ _DRIVES = (40, 0, 0), (0, 30, 0), (0, 0, 900), (-40, 0, 0), (0, -30, 0), (20, 20
 def _script() -> Iterator[Step]:
     """Resets, drives, speed ramps and position moves."""
     yield 0.0, [_command(_RESET)]
-    yield 0.3, [None]
+    yield 0.3, [b""]
     # First, as each of its many commands asks all motors: what is wrong shows at once.
     for tops in _DRIVES:
         for tenths in range(2, 11, 2):
             yield 0.1, [_command(_DRIVE, *(top * tenths // 10 for top in tops))]
         yield 1.0, [_command(_DRIVE, *tops)]
     yield 0.4, [_command(_DRIVE, 0, 0, 0)]
-    yield 0.5, [None]
+    yield 0.5, [b""]
     for tenths in (*range(1, 11), 10, 10, 10, *range(9, -1, -1)):
         rpms = {motor: top * tenths // 10 for motor, top in _TOP_SPEEDS.items()}
         yield 0.15, [_command(_SPEED, motor, rpm) for motor, rpm in rpms.items()]
-    yield 0.5, [None]
+    yield 0.5, [b""]
     for goals in (_GOALS, dict.fromkeys(MOTORS, 0)):
         yield 0.1, [_command(_POSITION, motor, 1000, at) for motor, at in goals.items()]
-        yield 3.0, [None]
+        yield 3.0, [b""]
 
 
-def _commands(slot_s: float) -> Iterator[Command | None]:
-    """What the host sends in each of its slots, without an end."""
+def _commands(slot_s: float) -> Iterator[bytes]:
+    """The frame in each slot of the host, without an end."""
     for duration_s, commands in cycle(_script()):
         yield from islice(cycle(commands), max(len(commands), round(duration_s / slot_s)))
 
 
 # The line: parameters, faults, bytes with times
+
+_ROUND = 1 + len(MOTORS)
+"""Slots of the host and of each motor."""
 
 WEAK_DROP = WEAK_LATE = 0.2
 """Share of the weak motor's answers that are lost, and that are late."""
@@ -262,24 +259,15 @@ class SimulationParameters:
         0, click.IntRange(0, max(MOTORS)), "The motor that loses and delays answers; 0 is none."
     )
 
-    def check_against(self, baud: int) -> None:
-        """Raise PortError if a line of `baud` bits per second cannot carry the rate."""
-        most = round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
-        if self.rate > most:
-            raise PortError(
-                f"sim:// cannot take rate={self.rate:g}: a line of {baud} baud carries at most "
-                f"{most} frames/s; ask for less, or for more with --baud"
-            )
-
 
 def parse_parameters(query: str) -> SimulationParameters:
     """Parse the query of a URL, `seed=1&drop=0.01`; raises PortError if it is not legal."""
     kinds = {one.name: one.metadata["kind"] for one in fields(SimulationParameters)}
     values = dict[str, Any]()
     for name, text in parse_qsl(query, keep_blank_values=True):
-        if name not in kinds or name in values:
-            what = "is given twice" if name in values else "is not one of its parameters"
-            raise PortError(f"sim://: {name!r:.40} {what}; it has {', '.join(kinds)}")
+        if name not in kinds:
+            names = ", ".join(kinds)
+            raise PortError(f"sim://: {name!r:.40} is not one of its parameters; it has {names}")
         try:
             values[name] = kinds[name].convert(text, None, None)
         except click.BadParameter as error:
@@ -307,20 +295,21 @@ class Simulation:
 
     def __init__(self, parameters: SimulationParameters, baud: int = DEFAULT_BAUD) -> None:
         """Start at time 0; raises PortError if a line of `baud` cannot carry the rate."""
-        parameters.check_against(baud)
+        most = round(1_000_000_000 / (FRAME_LENGTH * byte_time_ns(baud)))
+        if parameters.rate > most:
+            raise PortError(
+                f"sim:// cannot take rate={parameters.rate:g}: a line of {baud} baud carries at "
+                f"most {most} frames/s; ask for less, or for more with --baud"
+            )
         self._asked, self._dice = parameters, Random(parameters.seed)
         self.controller = Controller(Random(parameters.seed))
-        self._slots_of_round = 1 + len(MOTORS)
-        self._commands = _commands(self._slots_of_round / parameters.rate)
+        self._commands = _commands(_ROUND / parameters.rate)
         self._late = deque[tuple[int, bytes]]()
         """When the late answers begin, and their frames."""
         self._byte_ns = byte_time_ns(baud)
         self._free_at_ns = 0
 
     def __iter__(self) -> Iterator[TimedBytes]:
-        return (item for item in self.slots() if item.data)
-
-    def slots(self) -> Iterator[TimedBytes]:
         """The received bytes; an item without bytes for each slot in which nothing comes."""
         received, slot_ns = 0, 1_000_000_000 / self._asked.rate
         jitter_ns = min(max(0.0, slot_ns - FRAME_LENGTH * self._byte_ns), _MOST_JITTER_NS)
@@ -338,23 +327,22 @@ class Simulation:
 
     def _frame_in(self, slot: int) -> bytes:
         """The frame of the owner of a slot, if its direction is received."""
-        t_s, motor = slot / self._asked.rate, slot % self._slots_of_round
-        self.controller.advance_to(t_s)
-        if motor:
-            feedback = self.controller.feedback(motor)
-            return feedback if self._asked.wire != Direction.CONTROL else b""
-        command = next(self._commands) if self._asked.host == "on" else None
-        if command is None:
-            return b""
-        self.controller.obey(*command)
-        return encode(*command) if self._asked.wire != Direction.FEEDBACK else b""
+        self.controller.advance_to(slot / self._asked.rate)
+        if motor := slot % _ROUND:
+            sent, direction = self.controller.feedback(motor), Direction.FEEDBACK
+        else:
+            sent = next(self._commands) if self._asked.host == "on" else b""
+            direction = Direction.CONTROL
+            if sent:
+                self.controller.obey(sent)
+        return sent if self._asked.wire in ("both", direction) else b""
 
     def _on_wire(self, slot: int, begins_ns: int, sent: bytes) -> Iterator[tuple[int, bytes]]:
         """The frames that begin in a slot, with their times: its own, and late ones before it."""
         while self._late and self._late[0][0] <= begins_ns:
             yield self._late.popleft()
         weak = self._asked.weak_motor
-        if sent and weak and slot % self._slots_of_round == weak:
+        if sent and weak and slot % _ROUND == weak:
             fate = self._dice.random()
             if WEAK_DROP <= fate < WEAK_DROP + WEAK_LATE:
                 self._late.append((begins_ns + int(LATE_S * 1e9), sent))

@@ -36,13 +36,14 @@ def command() -> None:
 
 
 def _option(field: Field) -> click.Option:
-    default = None if field.default is None else field.text(field.default)
+    default: dict[str, Any] = {"required": True}
+    if field.default is not None:
+        default = {"default": field.text(field.default), "show_default": True}
     return click.Option(
         [f"--{field.option}", field.name],
         type=integer,
-        default=default,
-        show_default=default is not None,
         help=f"{field.meaning} ({field.range_text})",
+        **default,
     )
 
 

@@ -22,7 +22,7 @@ from fte_sniff.cli.options import (
     require_pseudo_terminals,
 )
 from fte_sniff.cli.streams import ending_signals, print_err
-from fte_sniff.errors import FileError, PortError, UsageError, printable
+from fte_sniff.errors import FileError, UsageError, printable
 from fte_sniff.protocol.spec import DEFAULT_BAUD, Direction
 from fte_sniff.real_number import RealNumber
 
@@ -81,11 +81,7 @@ def command(
         raise UsageError("--direction and --speed work with --replay; name a recording")
     from fte_sniff.capture.bridge import open_simulated
 
-    try:
-        simulated = SimulationParameters(**(parameters | _FIXED))
-        simulated.check_against(baud)
-    except PortError as error:
-        raise UsageError(str(error).replace("sim://", "simulate")) from error
+    simulated = SimulationParameters(**(parameters | _FIXED))
     with open_simulated(simulated, baud, link) as bridge, ending_signals(bridge.stop):
         device = bridge.device or ""
         click.echo(device)
@@ -106,7 +102,7 @@ def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None
     if frames.is_empty():
         raise FileError("{path} has no {direction} frames", path=path, direction=direction)
     seconds = (frames["time"] - frames["time"].min()).dt.total_nanoseconds().cum_max() / 1e9 / speed
-    timed = zip(seconds, map(_bytes_of, frames["raw"]), strict=True)
+    timed = zip(seconds, map(bytes.fromhex, frames["raw"]), strict=True)
     stopped = Event()
     host = HostEnd(link)
     try:
@@ -121,7 +117,3 @@ def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None
     print_err(f"played {written:,} bytes")
     if refused:
         print_err(f"{refused:,} bytes were lost: the program did not read them in time")
-
-
-def _bytes_of(raw: bytes | str) -> bytes:
-    return bytes.fromhex(raw) if isinstance(raw, str) else raw

@@ -23,8 +23,7 @@ from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.simulation import Simulation, SimulationParameters, parse_parameters
 from fte_sniff.errors import PortError
-from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL
+from fte_sniff.protocol.spec import FRAME_LENGTH
 
 if TYPE_CHECKING:
     from fte_sniff.capture.simulation import Controller
@@ -66,7 +65,7 @@ def _serve(simulation: Simulation, line: socket.socket) -> None:
     """Send each item at its time, and obey what was written, until the other end is closed."""
     written, start_s = bytearray(), time.monotonic()
     with line, suppress(OSError):
-        for item in simulation.slots():
+        for item in simulation:
             time.sleep(max(0, start_s + item.t_ns / 1e9 - time.monotonic()))
             line.sendall(item.data)
             line.setblocking(False)
@@ -82,10 +81,7 @@ def _serve(simulation: Simulation, line: socket.socket) -> None:
 def _obey(controller: Controller, written: bytearray) -> None:
     """Execute the whole frames that were written; skip bytes before them."""
     while len(written) >= FRAME_LENGTH:
-        row = Row("", 0, bytes(written[:FRAME_LENGTH]), None)
-        is_frame = row.kind is not None and row.raw[-1] == TAIL
-        if row.kind is not None and is_frame:
-            controller.obey(row.kind, row.values)
+        is_frame = controller.obey(bytes(written[:FRAME_LENGTH]))
         del written[: FRAME_LENGTH if is_frame else 1]
 
 
