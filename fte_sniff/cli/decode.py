@@ -30,9 +30,8 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.save import ExportSource, FileExport, Sink, open_sink
+from fte_sniff.session.save import ExportSource, Write, exported, writing
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -66,7 +65,6 @@ def command(
     """
     written = OutputFormat(form) if form else _format_for(output, chooses=columns is not None)
     check_columns(columns, written)
-    ports = set[str]()
     if following and written is OutputFormat.PARQUET:
         raise UsageError("parquet is written as a whole; write csv, jsonl or mcap with --follow")
     # Following ends by Ctrl-C, as a capture does.
@@ -80,17 +78,10 @@ def command(
         reading = query.read(query.row_filter(), limit, progress, follower, facts=facts)
         if columns:
             reading.source = replace(reading.source, columns=columns)
-        with _opened(written, output, reading.source, force=force) as sink:
+        with _opened(written, output, reading.source, force=force) as write:
             for item in reading:
-                sink.write(item)
-                if written is OutputFormat.RAW and isinstance(item, Rows):
-                    ports.update(item.used_ports)
+                write(item)
     print_notes(reading)
-    if len(ports) > 1:
-        print_err(
-            f"fte-sniff: nothing separates the bytes of {len(ports)} ports in one stream; for"
-            f" one of them use --filter \"port = '{min(ports)}'\""
-        )
     if reading.row_filter is not None and reading.row_filter.advice:
         print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
     print_err(summary(reading.tally, reading, zone=reading.source.zone))
@@ -124,7 +115,7 @@ def _is_stdout(path: Path | None) -> bool:
 @contextmanager
 def _opened(
     form: OutputFormat, path: Path | None, source: ExportSource, *, force: bool
-) -> Iterator[Sink | FileExport]:
+) -> Iterator[Write]:
     """Standard output (None or `-`), or a file that replaces `path` when complete.
 
     A command that fails or is interrupted leaves no file, and an old file stays until the new one
@@ -135,24 +126,19 @@ def _opened(
         FileError: the file exists (and `force` is not set), or cannot be written.
         BrokenPipeError: standard output lost its reader.
     """
-    if path is None or _is_stdout(path):
-        is_text = form in (*TEXT_FORMATS, OutputFormat.HEX)
-        sink: Sink | FileExport = open_sink(
-            form, None if is_text else _binary_stdout(form, path), source
-        )
-    else:
-        sink = FileExport(path, form, source, Existing.REPLACE if force else Existing.REFUSE)
-    try:
-        yield sink
-        sink.close()
-    except BaseException:
-        sink.abandon()
-        raise
-
-
-def _binary_stdout(form: OutputFormat, path: Path | None) -> int:
-    in_sequence = form is not OutputFormat.PARQUET
-    if path is None or not in_sequence or sys.stdout.isatty():
-        pipe = ", or - for a pipe" if in_sequence else ""
+    if path is not None and not _is_stdout(path):
+        existing = Existing.REPLACE if force else Existing.REFUSE
+        with exported(path, form, source, existing) as write:
+            yield write
+    elif form in (*TEXT_FORMATS, OutputFormat.HEX):
+        with writing(form, sys.stdout, source) as write:
+            yield write
+    elif path is None or form is OutputFormat.PARQUET or sys.stdout.isatty():
+        pipe = "" if form is OutputFormat.PARQUET else ", or - for a pipe"
         raise UsageError(f"{form} is not text: name a file to write it to with -o{pipe}")
-    return sys.stdout.fileno()
+    else:
+        with (
+            open(sys.stdout.fileno(), "wb", closefd=False) as stream,
+            writing(form, stream, source) as write,
+        ):
+            yield write

@@ -157,9 +157,9 @@ class OutputFile:
 
 
 @contextmanager
-def created(path: Path, existing: Existing) -> Iterator[OutputFile]:
+def created(path: Path, existing: Existing, mode: int = 0o666) -> Iterator[OutputFile]:
     """A new file, which is discarded after an error; raises FileError for an OSError too."""
-    file = OutputFile(path, existing)
+    file = OutputFile(path, existing, mode)
     try:
         file.create()
         yield file

@@ -452,19 +452,15 @@ class InputReading:
         self.progress.total = sum(counts) if len(counts) == len(inputs) and not span else None
         self.on_input: Callable[[str], None] = lambda _name: None
         """Is called with the name of each input, or of both of a pair, before its first item."""
-        self._last_ns: int | None = None
-        """Latest time of all rows so far."""
-        self._open_gap: Gap | None = None
-        """A gap whose end is not known yet."""
         self.reported_gaps: list[Gap] = []
         """The gaps in the span that recordings report."""
         self.selections = [selection for one in inputs for selection in one.selections]
         """The filters that selected the rows of the inputs when they were written."""
-        self._gaps, self._all_selections = list[Gap](), list(self.selections)
+        self._all_selections = list(self.selections)
         ports = [port.name for one in inputs for port in one.ports]
         bauds = dict.fromkeys(ports, baud) if baud else _bauds_of(inputs)
         known = {name: fact for one in inputs for name, fact in one.facts.items()}
-        self.source = ExportSource(ports, bauds, self._gaps, self._all_selections, known, zone=zone)
+        self.source = ExportSource(ports, bauds, self._all_selections, known, zone=zone)
         """What is known about the rows; complete once `__iter__` has ended."""
 
     def _order(self, one: Input) -> tuple[bool, int]:
@@ -595,40 +591,20 @@ class InputReading:
                     )
 
     def _counted(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Count the rows of items, and find the times of the gaps."""
+        """Count the rows of items; of gaps, only the part in the span, and each only once."""
         for item in items:
             if isinstance(item, Rows):
                 self.tally.observe(item)
                 self.progress.rows += len(item)
-                self._end_gap(item)
-            elif isinstance(item, Gap) and not self._note_gap(item):
+            elif isinstance(item, Gap) and item.kind in (GapKind.WRITE_ERROR, GapKind.LEFT_OUT):
+                span = self.span or EVERYTHING
+                gap = item.within(span.first_ns, span.end_ns - 1)
+                # A later file of a capture reports it again.
+                if gap is not None and gap not in self.reported_gaps:
+                    self.reported_gaps.append(gap)
+                    yield gap
                 continue
             yield item
-
-    def _note_gap(self, gap: Gap) -> bool:
-        """Note a gap for copies of the rows; False if it is outside the span."""
-        if gap.kind in (GapKind.WRITE_ERROR, GapKind.LEFT_OUT):
-            if self.span is not None:
-                found = gap.within(self.span.first_ns, self.span.end_ns - 1)
-                if found is None:
-                    return False
-                gap = found
-            if gap in self.reported_gaps:  # a later file of a capture reports it again
-                return False
-            self.reported_gaps.append(gap)
-            self._gaps.append(gap)
-        elif gap.kind in (GapKind.DAMAGE, GapKind.OTHER_RECORDING):
-            self._open_gap = gap
-        return True
-
-    def _end_gap(self, rows: Rows) -> None:
-        """Rows came: what was missing before them lies between their times and the last ones."""
-        if not len(rows) or (times := rows.span_ns) is None:
-            return
-        gap, self._open_gap, last_ns = self._open_gap, None, self._last_ns
-        self._last_ns = max(times[1], last_ns or 0)
-        if gap is not None and last_ns is not None and times[0] - last_ns > 1:
-            self._gaps.append(gap._replace(start_ns=last_ns + 1, end_ns=times[0] - 1))
 
 
 _ANOTHER: Final = TranslatableText("another recording begins here")

@@ -1,19 +1,21 @@
-"""Save rows of a session in any format."""
+"""Save rows of a session in any format.
+
+items ──► write of the format ──► standard output | a file without a name ──► its name
+"""
 
 from __future__ import annotations
 
 import os
 import pickle
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TextIO
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias
 
-from fte_sniff.errors import FileError, FteSniffError, UsageError, unwritable
+from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
@@ -22,14 +24,17 @@ from fte_sniff.formats.writers import (
     write_jsonl,
 )
 from fte_sniff.protocol.columns import spaced_hex
-from fte_sniff.protocol.items import Gap, PortEvent
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import Item, Rows
-from fte_sniff.recording.output_file import Existing, OutputFile, file_names
+from fte_sniff.recording.output_file import Existing, created, file_names
 
 if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.recording.metadata import Selection
+
+Write: TypeAlias = Callable[[Item], object]
+"""Writes rows, or what is between them; may raise OSError and FileError."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +45,8 @@ class ExportSource:
     """The ports that the rows may come from."""
     bauds: Mapping[str, int] = field(default_factory=dict)
     """Bits per second by port; a port of unknown baud is not in it."""
-    gaps: Sequence[Gap] = ()
-    """Gaps between the rows; more may be found while a file is read."""
     selections: Sequence[Selection] = ()
-    """The filters that chose the rows."""
+    """The filters that chose the rows, as far as they are known when the last row is written."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Metadata of the recordings that the rows come from."""
     columns: Sequence[str] = ALL_COLUMNS
@@ -51,64 +54,37 @@ class ExportSource:
     zone: tzinfo = UTC
     """Zone of the times in a table or CSV."""
 
-    def within(self, first_ns: int | None, last_ns: int | None) -> ExportSource:
-        """What is known about the rows between two times; None for no bound."""
-        clipped = [gap.within(first_ns, last_ns) for gap in self.gaps]
-        return replace(self, gaps=[gap for gap in clipped if gap is not None])
-
 
 UNKNOWN = ExportSource()
 
 
-class Sink:
-    """Writes rows to a file in one format. Each method may raise OSError or FileError."""
+@contextmanager
+def writing(form: OutputFormat, stream: IO[Any], source: ExportSource) -> Iterator[Write]:
+    """Write items to a stream that stays open; what the format requires at its end comes last.
 
-    def __init__(
-        self,
-        stream: IO[Any],
-        write: Callable[[Any], object],
-        finish: Callable[[], None] = lambda: None,
-        kinds: tuple[type, ...] = (Rows,),
-    ) -> None:
-        """Write items of these kinds; `finish` writes what the format requires at the end."""
-        self._stream, self._write, self._finish, self._kinds = stream, write, finish, kinds
-
-    def write(self, item: Item) -> None:
-        """Write rows; a recording also holds the port events between them."""
-        if isinstance(item, self._kinds):
-            self._write(item)
-
-    def close(self) -> None:
-        """Write what the format requires at its end, and close the file."""
-        self._finish()
-        self.abandon()
-
-    def abandon(self) -> None:
-        """Close the file as it is."""
-        if self._stream is not sys.stdout:
-            self._stream.close()
-
-
-def open_sink(form: OutputFormat, path: Path | int | None, source: ExportSource) -> Sink:
-    """Create the file, or replace it; None is standard output, for text formats.
-
-    Raw bytes, recordings and pcapng can go to an open descriptor, which is not closed.
-
-    Gaps and selections of the source are read on closing. Raises OSError if the file cannot be
-    created.
+    A recording, pcapng and raw bytes need a binary stream; Parquet one of a file with a name.
     """
-    if path is None:
-        return _text_sink(sys.stdout, form, source)
-    if form is OutputFormat.PARQUET:
-        assert isinstance(path, Path)
-        return _parquet_sink(path)
-    if form in _BINARY:
-        buffering = 0 if form is OutputFormat.MCAP else -1
-        stream = open(path, "wb", buffering, closefd=isinstance(path, Path))  # noqa: SIM115
-        return _BINARY[form](stream, source)
-    assert isinstance(path, Path)
-    text = path.open("w", encoding="utf-8", newline="", errors="backslashreplace")
-    return _text_sink(text, form, source)
+    with _FORMS.get(form, _text_rows(form))(stream, source) as write:
+        takes = (Rows, PortEvent, Gap) if form is OutputFormat.MCAP else Rows
+        yield lambda item: write(item) if isinstance(item, takes) else None
+
+
+@contextmanager
+def exported(
+    path: Path, form: OutputFormat, source: ExportSource, existing: Existing = Existing.REPLACE
+) -> Iterator[Write]:
+    """Write items to a file that has its name only once it is complete; an error leaves no file.
+
+    Raises FileError if it cannot be written.
+    """
+    options: dict[str, Any] = {"mode": "wb"}
+    if form not in _FORMS:
+        options = {"mode": "w", "encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
+    with created(path, existing) as file:
+        with file.made.open(**options) as stream, writing(form, stream, source) as write:
+            yield write
+        file.commit()
+        file.close()
 
 
 def text_writer(
@@ -154,24 +130,31 @@ _AT_ONCE: Final = 1 << 14
 """Rows whose text is in memory at once, some hundred bytes each."""
 
 
-def _text_sink(stream: TextIO, form: OutputFormat, source: ExportSource) -> Sink:
+def _text_rows(form: OutputFormat) -> Form:
     """Text; each batch is flushed, so that the reader of a pipe gets it at once."""
-    several, columns = len(source.ports) > 1, source.columns
-    write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
 
-    def write(rows: Rows) -> None:
-        for start in range(0, len(rows), _AT_ONCE):
-            write_rows(rows[start : start + _AT_ONCE])
-        stream.flush()
+    @contextmanager
+    def text(stream: TextIO, source: ExportSource) -> Iterator[Callable[[Rows], None]]:
+        several, columns = len(source.ports) > 1, source.columns
+        write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
 
-    return Sink(stream, write)
+        def write(rows: Rows) -> None:
+            for start in range(0, len(rows), _AT_ONCE):
+                write_rows(rows[start : start + _AT_ONCE])
+            stream.flush()
+
+        yield write
+
+    return text
 
 
-def _raw_sink(stream: BinaryIO, _source: ExportSource) -> Sink:
-    return Sink(stream, lambda rows: stream.write(rows.tobytes()))
+@contextmanager
+def _raw(stream: BinaryIO, _source: ExportSource) -> Iterator[Callable[[Rows], object]]:
+    yield lambda rows: stream.write(rows.tobytes())
 
 
-def _pcapng_sink(stream: BinaryIO, source: ExportSource) -> Sink:
+@contextmanager
+def _pcapng(stream: BinaryIO, source: ExportSource) -> Iterator[Callable[[Rows], None]]:
     """pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
     from fte_sniff.formats.pcapng import PcapngWriter
 
@@ -181,11 +164,17 @@ def _pcapng_sink(stream: BinaryIO, source: ExportSource) -> Sink:
         writer.write(rows)
         stream.flush()
 
-    return Sink(stream, write)
+    yield write
 
 
-def _recording_sink(stream: BinaryIO, source: ExportSource) -> Sink:
-    """A recording; each row must have a time."""
+@contextmanager
+def _recording(
+    stream: BinaryIO, source: ExportSource
+) -> Iterator[Callable[[Rows | PortEvent | Gap], None]]:
+    """A recording; each row must have a time.
+
+    A gap of unknown times is between the rows before and after it.
+    """
     from mcap.records import Metadata
 
     from fte_sniff.recording import metadata
@@ -194,31 +183,40 @@ def _recording_sink(stream: BinaryIO, source: ExportSource) -> Sink:
     ports = [metadata.PortFacts(port, source.bauds.get(port)) for port in source.ports]
     facts = {name: fact for name, fact in source.facts.items() if name not in metadata.PART_FACTS}
     writer = BulkWriter(stream.fileno(), ports, facts)
+    gaps, last_ns = list[Gap](), 0
+    open_gap: Gap | None = None
 
-    def write(item: Rows | PortEvent) -> None:
-        for row in item.select(item.t_ns < 0)[:1] if isinstance(item, Rows) else ():
-            raise FileError(
-                f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording needs"
-                " one; write another format"
-            )
+    def write(item: Rows | PortEvent | Gap) -> None:
+        nonlocal last_ns, open_gap
+        if isinstance(item, Gap):
+            if item.kind in (GapKind.WRITE_ERROR, GapKind.LEFT_OUT):
+                gaps.append(item)
+            elif item.kind in _BETWEEN_ROWS:
+                open_gap = item
+            return
+        if isinstance(item, Rows):
+            for row in item.select(item.t_ns < 0)[:1]:
+                raise FileError(
+                    f"{row.port!r}, offset {row.offset}, has no time since 1970, and a recording"
+                    " needs one; write another format"
+                )
+            if (span := item.span_ns) is not None:
+                if open_gap is not None and last_ns and span[0] - last_ns > 1:
+                    gaps.append(open_gap._replace(start_ns=last_ns + 1, end_ns=span[0] - 1))
+                open_gap, last_ns = None, max(last_ns, span[1])
         writer.write(item)
 
-    def finish() -> None:
-        gaps = [(metadata.LEFT_OUT_NAME, metadata.gap_to_metadata(gap)) for gap in source.gaps]
-        chosen = [(metadata.SELECTION_NAME, one.to_metadata()) for one in source.selections]
-        writer.close(Metadata(*record) for record in [*gaps, *chosen])
-
-    return Sink(stream, write, finish, (Rows, PortEvent))
+    yield write
+    left_out = [(metadata.LEFT_OUT_NAME, metadata.gap_to_metadata(gap)) for gap in gaps]
+    chosen = [(metadata.SELECTION_NAME, one.to_metadata()) for one in source.selections]
+    writer.close(Metadata(*record) for record in [*left_out, *chosen])
 
 
-_BINARY: Final = {
-    OutputFormat.MCAP: _recording_sink,
-    OutputFormat.PCAPNG: _pcapng_sink,
-    OutputFormat.RAW: _raw_sink,
-}
+_BETWEEN_ROWS: Final = (GapKind.DAMAGE, GapKind.OTHER_RECORDING, GapKind.NOT_SHOWN)
 
 
-def _parquet_sink(path: Path) -> Sink:
+@contextmanager
+def _parquet(stream: BinaryIO, _source: ExportSource) -> Iterator[Callable[[Rows], None]]:
     """The columns of `analysis.dataframe`.
 
     polars writes a file as a whole, so rows wait in one without a name until the end.
@@ -226,96 +224,49 @@ def _parquet_sink(path: Path) -> Sink:
     from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
     from fte_sniff.formats.parquet import write_parquet
 
-    waiting = TemporaryFile(dir=path.parent)  # noqa: SIM115
+    path = Path(stream.name)
+    with TemporaryFile(dir=path.parent) as waiting:
 
-    def frames() -> Iterator[pl.DataFrame]:
-        with suppress(EOFError):
-            while True:
-                yield table_frame(pickle.load(waiting))
+        def frames() -> Iterator[pl.DataFrame]:
+            with suppress(EOFError):
+                while True:
+                    yield table_frame(pickle.load(waiting))
 
-    def finish() -> None:
+        yield lambda rows: pickle.dump(rows, waiting, pickle.HIGHEST_PROTOCOL)
         waiting.seek(0)
         write_parquet(frames(), path, dict(TABLE_SCHEMA))
 
-    return Sink(waiting, lambda rows: pickle.dump(rows, waiting, pickle.HIGHEST_PROTOCOL), finish)
 
+Form: TypeAlias = Callable[[Any, ExportSource], AbstractContextManager[Callable[[Any], object]]]
+"""Writes one format to a stream."""
 
-# Files that have their names only once they are complete
-
-
-class FileExport:
-    """A sink whose file has a temporary name until it is complete; an error leaves no file."""
-
-    def __init__(
-        self,
-        path: Path,
-        form: OutputFormat,
-        source: ExportSource,
-        existing: Existing = Existing.REPLACE,
-    ) -> None:
-        """Create the temporary file; raises FileError."""
-        self.path, self.rows = path, 0
-        self._file = OutputFile(path, existing)
-        self.sink: Sink | None = None
-        with self._abandoned_on_error():
-            self._file.create()
-            self.sink = open_sink(form, self._file.made, source)
-
-    def write(self, item: Item) -> None:
-        """Write the next rows, or what is between them; raises FileError."""
-        assert self.sink is not None
-        with self._abandoned_on_error():
-            self.sink.write(item)
-        self.rows += len(item) if isinstance(item, Rows) else 0
-
-    def close(self) -> None:
-        """Complete the file, and give it its name; raises FileError."""
-        assert self.sink is not None
-        with self._abandoned_on_error():
-            self.sink.close()
-            self._file.commit()
-            self._file.close()
-
-    def abandon(self) -> None:
-        """Close the file, and delete it unless it has its name."""
-        self._file.discard()  # at once: a second Ctrl-C ends the program
-        if self.sink is not None:
-            with suppress(OSError, FteSniffError):
-                self.sink.abandon()
-        self._file.discard()  # Windows deletes no open file
-
-    @contextmanager
-    def _abandoned_on_error(self) -> Iterator[None]:
-        try:
-            yield
-        except BaseException as error:
-            self.abandon()
-            if isinstance(error, OSError):
-                raise unwritable(self.path, error) from error
-            raise
+_FORMS: Final[Mapping[OutputFormat, Form]] = {
+    OutputFormat.MCAP: _recording,
+    OutputFormat.PARQUET: _parquet,
+    OutputFormat.PCAPNG: _pcapng,
+    OutputFormat.RAW: _raw,
+}
+"""The formats that are not text."""
 
 
 def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
     """Write a file that has its name only when it is complete.
 
-    Raises FileError and OSError as `OutputFile`.
+    Raises FileError.
     """
-    file = OutputFile(path, Existing.REPLACE, mode)
-    try:
-        file.create()
+    with created(path, Existing.REPLACE, mode) as file:
         file.made.write_bytes(content)
         file.commit()
-    finally:
-        file.discard()
+        file.close()
 
 
-def replace_text(path: Path, text: str, mode: int = 0o600) -> None:
-    """Replace a small file, and make its folder; by default, only the user may read it.
+def replace_text(path: Path, text: str) -> None:
+    """Replace a small file that only the user may read, and make its folder.
 
-    Raises FileError and OSError as `OutputFile`.
+    Raises FileError, and OSError for the folder.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, text.encode(), mode)
+    replace_file(path, text.encode(), 0o600)
 
 
 # Saving from the screen
@@ -339,43 +290,28 @@ def is_same_file(path: Path, other: Path | str) -> bool:
         return False
 
 
-class SaveTarget(NamedTuple):
-    """A file to save to."""
+def typed_path(line: str, in_use: Sequence[str] = ()) -> tuple[Path, Existing]:
+    """The file that a typed line names; `!` after the name allows an existing file.
 
-    path: Path
-    existing: Existing
-
-    @classmethod
-    def parse(cls, line: str, in_use: Sequence[str] = ()) -> SaveTarget:
-        """The file that a typed line names; `!` after the name allows an existing file.
-
-        Raises:
-            UsageError: no format has the suffix.
-            FileError: the file exists, or is one of those `in_use`, or has no folder.
-        """
-        name = line.strip()
-        existing = Existing.REPLACE if name.endswith(OVERWRITE) else Existing.REFUSE
-        path = Path(name.removesuffix(OVERWRITE).rstrip())
-        with suppress(RuntimeError):  # no such user
-            path = path.expanduser()
-        if path.suffix.lower() not in FORMAT_BY_SUFFIX:
-            forms = " ".join(FORMAT_BY_SUFFIX)
-            raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
-        if not path.parent.is_dir():
-            folder = path.parent
-            raise FileError("{folder} does not exist; name a folder that does", folder=folder)
-        if any(is_same_file(path, one) for one in in_use):
-            raise FileError("{path} is the file shown here; name another", path=path)
-        if os.path.lexists(path) and existing is Existing.REFUSE:
-            raise FileError(
-                "{path} exists already; name another, or replace it with {name}{overwrite}",
-                path=path,
-                name=path.name,
-                overwrite=OVERWRITE,
-            )
-        return cls(path, existing)
-
-    def open(self, source: ExportSource) -> FileExport:
-        """Create the file under its temporary name; raises FileError."""
-        form = FORMAT_BY_SUFFIX[self.path.suffix.lower()]
-        return FileExport(self.path, form, source, self.existing)
+    Raises:
+        UsageError: no format has the suffix.
+        FileError: the file exists, or is one of those `in_use`.
+    """
+    name = line.strip()
+    existing = Existing.REPLACE if name.endswith(OVERWRITE) else Existing.REFUSE
+    path = Path(name.removesuffix(OVERWRITE).rstrip())
+    with suppress(RuntimeError):  # no such user
+        path = path.expanduser()
+    if path.suffix.lower() not in FORMAT_BY_SUFFIX:
+        forms = " ".join(FORMAT_BY_SUFFIX)
+        raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
+    if any(is_same_file(path, one) for one in in_use):
+        raise FileError("{path} is the file shown here; name another", path=path)
+    if os.path.lexists(path) and existing is Existing.REFUSE:
+        raise FileError(
+            "{path} exists already; name another, or replace it with {name}{overwrite}",
+            path=path,
+            name=path.name,
+            overwrite=OVERWRITE,
+        )
+    return path, existing

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from io import StringIO
@@ -15,17 +16,19 @@ from platformdirs import user_cache_path
 
 from fte_sniff.errors import FileError, FteSniffError, reason_of
 from fte_sniff.formats.text_table import TableWriter
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.i18n import _, error_text, later
 from fte_sniff.protocol.columns import spaced_hex
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.metadata import Selection
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.save import (
     DEFAULT_NAME,
     ExportSource,
-    FileExport,
-    SaveTarget,
+    exported,
     free_path,
     replace_text,
+    typed_path,
 )
 from fte_sniff.tui.cells import WITH_DETAIL
 from fte_sniff.tui.line import Question
@@ -68,8 +71,8 @@ class Export:
     def __init__(self, parts: Parts) -> None:
         self._parts, self._view, self._table = parts, parts.view, parts.table
         self._status = parts.status
-        self.job: FileExport | None = None
-        """The rows that are being saved."""
+        self._path: Path | None = None
+        """The file to which rows are being saved."""
         self._task: asyncio.Task[None] | None = None
 
     @property
@@ -121,9 +124,9 @@ class Export:
 
     def ask(self) -> None:
         """Ask for the file to which the selected rows, or all shown rows, are saved."""
-        if self.job is not None:
+        if self._path is not None:
             text = _("{file} is still being saved; esc ends that")
-            self._status.inform(text.format(file=self.job.path))
+            self._status.inform(text.format(file=self._path))
             return
         own = self._indices
         count = len(self._view.shown.between(own.start, own.stop))
@@ -131,53 +134,61 @@ class Export:
         name = str(free_path(DEFAULT_NAME))
         self._parts.line.ask(Question(later("save to"), name, self.parse, self.accept), name)
 
-    def parse(self, line: str) -> SaveTarget:
+    def parse(self, line: str) -> tuple[Path, Existing]:
         """Parse the path and format of a file; raises FteSniffError."""
-        return SaveTarget.parse(line, self._view.state.files)
+        return typed_path(line, self._view.state.files)
 
     def accept(self, line: str) -> None:
         """Save the rows to a file."""
         if not line:
             return
         try:
-            job = self.job = self.parse(line).open(self._source())
+            self._path, existing = self.parse(line)
         except FteSniffError as error:
             self._status.warn(error_text(error))
             return
-        self._task = asyncio.create_task(self._write(job, self._indices))
+        self._task = asyncio.create_task(self._save(self._path, existing))
 
     def _source(self) -> ExportSource:
         """Facts about the rows that are saved: those shown, or the selected ones among them."""
-        view, selected, own = self._view, self._table.selected, self._parts.options.export_source
+        view, own = self._view, self._parts.options.export_source
         source = replace(own, ports=view.store.ports, zone=self._table.look.shown_zone)
-        if selected:
-            first, last = view.row(selected.start), view.row(selected.stop - 1)
-            source = source.within(first.t_ns, last.t_ns)
         if view.filter is not None:
             selection = Selection(view.filter.text, len(self._indices))
             source = replace(source, selections=[*source.selections, selection])
         return source
 
-    async def _write(self, job: FileExport, indices: range) -> None:
-        """Save the rows of these indices that are shown, while the screen continues."""
-        view, start = self._view, indices.start
+    async def _save(self, path: Path, existing: Existing) -> None:
+        """Save the rows while the screen continues."""
+        indices, rows = self._indices, 0
+        form = FORMAT_BY_SUFFIX[path.suffix.lower()]
         try:
-            while start < indices.stop:
-                self._show_progress(job, (start - indices.start) / len(indices))
-                await asyncio.sleep(0)
-                end = min(start + SAVED_ROWS, indices.stop)
-                job.write(view.store.rows_at(view.shown.between(start, end)))
-                start = end
-            job.close()
+            with exported(path, form, self._source(), existing) as write:
+                for index, item in self._items(indices):
+                    self._show_progress(path, (index - indices.start) / len(indices))
+                    await asyncio.sleep(0)
+                    write(item)
+                    rows += len(item) if isinstance(item, Rows) else 0
         except FteSniffError as error:
             self._forget_job()
             self._status.warn(error_text(error))
         else:
             self._forget_job()
-            text = _("saved {count:,} rows to {file}", count=job.rows, file=job.path)
-            self._status.inform(text)
+            self._status.inform(_("saved {count:,} rows to {file}", count=rows, file=path))
             self._table.selection_start = None
             self._table.draw()
+
+    def _items(self, indices: range) -> Iterator[tuple[int, Item]]:
+        """The shown rows of these indices and what is between them, each with an index."""
+        view, at = self._view, indices.start
+        marks = [one for one in view.store.marks if indices.start < one.index < indices.stop]
+        for stop in (*(one.index for one in marks), indices.stop):
+            while at < stop:
+                end = min(at + SAVED_ROWS, stop)
+                yield at, view.store.rows_at(view.shown.between(at, end))
+                at = end
+            if marks:
+                yield at, marks.pop(0).what
 
     def picture(self) -> None:
         """Save the screen as it is now to a new file in the working folder."""
@@ -190,21 +201,20 @@ class Export:
         else:
             self._status.inform(_("saved the screen to {file}", file=path))
 
-    def _show_progress(self, job: FileExport, share: float) -> None:
+    def _show_progress(self, path: Path, share: float) -> None:
         text = _("saving to {file}: {share:.0%}, esc ends it")
-        self._status.pin("save", text.format(file=job.path, share=share))
+        self._status.pin("save", text.format(file=path, share=share))
 
     def _forget_job(self) -> None:
-        self.job = None
+        self._path = None
         self._status.forget("save")
 
     def abandon(self) -> bool:
         """Cancel a running save and remove its file; returns whether there was one."""
-        job = self.job
-        if job is None or self._task is None:
+        path = self._path
+        if path is None or self._task is None:
             return False
         self._task.cancel()
         self._forget_job()
-        job.abandon()
-        self._status.inform(_("{file} was not saved", file=job.path))
+        self._status.inform(_("{file} was not saved", file=path))
         return True

@@ -15,20 +15,21 @@ import pytest
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.log import Log
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
+from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, iso_time, spaced_hex
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from fte_sniff.recording.metadata import Selection
+from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.save import (
     ExportSource,
-    FileExport,
-    SaveTarget,
+    exported,
     replace_text,
+    typed_path,
 )
 from tests.recording.conftest import entries_in
 
@@ -46,11 +47,9 @@ def rows(count: int = 40) -> list[Row]:
 
 
 def saved(path: Path, taken: list[Row]) -> Path:
-    saving = SaveTarget.parse(str(path)).open(ORIGIN)
-    for at in range(0, len(taken), 7):
-        saving.write(Rows.of(taken[at : at + 7]))
-    saving.close()
-    assert saving.rows == len(taken)
+    with exported(path, FORMAT_BY_SUFFIX[path.suffix], ORIGIN) as write:
+        for at in range(0, len(taken), 7):
+            write(Rows.of(taken[at : at + 7]))
     return path
 
 
@@ -95,10 +94,11 @@ def test_an_existing_file_is_named_and_replaced_only_with_force(tmp_path: Path) 
     path = tmp_path / "rows.csv"
     path.write_text("mine")
     with pytest.raises(FileError, match=r"rows.csv exists already; name another, or .* rows.csv!"):
-        SaveTarget.parse(str(path))
-    saving = SaveTarget.parse(f"{path}!").open(ORIGIN)
-    assert path.read_text() == "mine"
-    saving.close()
+        typed_path(str(path))
+    found, existing = typed_path(f"{path}!")
+    assert found == path
+    with exported(path, FORMAT_BY_SUFFIX[".csv"], ORIGIN, existing):
+        assert path.read_text() == "mine"
     assert path.read_text().startswith("time,port")
 
 
@@ -112,16 +112,17 @@ def test_a_file_that_rows_come_from_is_never_replaced(
     Path("link.mcap").symlink_to(source)
     Path("hard.mcap").hardlink_to(source)
     with pytest.raises(FileError, match=r"is the file shown here; name another$"):
-        SaveTarget.parse(name, ["gone.mcap", str(source)])
-    SaveTarget.parse("b.mcap", ["gone.mcap", str(source)])
+        typed_path(name, ["gone.mcap", str(source)])
+    typed_path("b.mcap", ["gone.mcap", str(source)])
 
 
 def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
-    saving = SaveTarget.parse(str(path)).open(ORIGIN)
-    path.write_text("mine")
-    with pytest.raises(FileError, match=r"rows.csv exists already; name another"):
-        saving.close()
+    with (
+        pytest.raises(FileError, match=r"rows.csv exists already; name another"),
+        exported(path, FORMAT_BY_SUFFIX[".csv"], ORIGIN, Existing.REFUSE),
+    ):
+        path.write_text("mine")
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
     assert path.read_text() == "mine"
 
@@ -132,9 +133,7 @@ def test_a_file_that_came_meanwhile_is_not_replaced(tmp_path: Path) -> None:
         ("rows", UsageError, "the extension selects the format; use one of .csv .jsonl"),
         ("rows.pdf", UsageError, "the extension selects"),
         ("", UsageError, "the extension selects"),
-        ("nowhere/rows.csv", FileError, "does not exist; name a folder that does"),
         ("folder.csv", FileError, "exists already; name another"),
-        ("~nobody-here/rows.csv", FileError, "does not exist"),
     ],
 )
 def test_an_unwritable_output_is_reported_before(
@@ -143,7 +142,7 @@ def test_an_unwritable_output_is_reported_before(
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
     with pytest.raises(error, match=said):
-        SaveTarget.parse(name)
+        typed_path(name)
 
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
@@ -153,21 +152,25 @@ def test_an_export_replaces_no_pipe_and_no_link(tmp_path: Path, suffix: str) -> 
     (tmp_path / "link").symlink_to("target")
     (tmp_path / "dangling").symlink_to("nothing")
     form = FORMAT_BY_SUFFIX[suffix]
-    with pytest.raises(FileError, match="pipe is not a regular file; name another"):
-        FileExport(tmp_path / "pipe", form, ORIGIN)
-    for name in ("link", "dangling"):
-        with pytest.raises(FileError, match=f"{name} is a link; name the file itself"):
-            FileExport(tmp_path / name, form, ORIGIN)
+    for name, said in (
+        ("pipe", "pipe is not a regular file; name another"),
+        ("link", "link is a link; name the file itself"),
+        ("dangling", "dangling is a link; name the file itself"),
+        ("nowhere/rows", "its folder does not exist"),
+    ):
+        with pytest.raises(FileError, match=said), exported(tmp_path / name, form, ORIGIN):
+            pass
     assert (tmp_path / "target").read_text() == "precious"
     assert {path.name for path in tmp_path.iterdir()} == {"pipe", "link", "target", "dangling"}
 
 
 def test_a_link_that_appears_meanwhile_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "target").write_text("precious")
-    export = FileExport(tmp_path / "new", FORMAT_BY_SUFFIX[".csv"], ORIGIN)
-    (tmp_path / "new").symlink_to("target")
-    with pytest.raises(FileError, match="new is a link"):
-        export.close()
+    with (
+        pytest.raises(FileError, match="new is a link"),
+        exported(tmp_path / "new", FORMAT_BY_SUFFIX[".csv"], ORIGIN),
+    ):
+        (tmp_path / "new").symlink_to("target")
     assert (tmp_path / "target").read_text() == "precious"
     assert {path.name for path in tmp_path.iterdir()} == {"new", "target"}
 
@@ -185,16 +188,20 @@ def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    saving = SaveTarget.parse(str(tmp_path / f"rows{suffix}")).open(ORIGIN)
-    saving.write(Rows.of(rows()))
-    saving.abandon()
+    unfinished = exported(tmp_path / f"rows{suffix}", FORMAT_BY_SUFFIX[suffix], ORIGIN)
+    unfinished.__enter__()(Rows.of(rows()))
+    assert list(tmp_path.iterdir())
+    error = KeyboardInterrupt()
+    assert not unfinished.__exit__(KeyboardInterrupt, error, None)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
-    saving = SaveTarget.parse(str(tmp_path / "rows.mcap")).open(ORIGIN)
-    with pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"):
-        saving.write(Rows.of([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
+    with (
+        pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"),
+        exported(tmp_path / "rows.mcap", OutputFormat.MCAP, ORIGIN) as write,
+    ):
+        write(Rows.of([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
     assert not list(tmp_path.iterdir())
 
 
@@ -202,21 +209,15 @@ def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
 def test_a_file_that_cannot_grow_is_one_line_and_leaves_nothing(
     tmp_path: Path, suffix: str
 ) -> None:
-    saving = SaveTarget.parse(str(tmp_path / f"rows{suffix}")).open(ORIGIN)
     taken = rows(20_000)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
     try:
         with pytest.raises(FileError, match=r"rows.*File too large"):
-            _write_all(saving, taken)
+            saved(tmp_path / f"rows{suffix}", taken)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not list(tmp_path.iterdir())
-
-
-def _write_all(saving: FileExport, taken: list[Row]) -> None:
-    saving.write(Rows.of(taken))
-    saving.close()
 
 
 def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None:
@@ -224,10 +225,10 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
         Gap(GapKind.LEFT_OUT, 7, NOON_NS + 1, NOON_NS + 2, "why"),
         Gap(GapKind.LEFT_OUT, None, NOON_NS, NOON_NS),
     ]
-    origin = ExportSource(PORTS, {"b": 9600}, gaps, [Selection("motor = 1", 99)])
-    saving = SaveTarget.parse(str(tmp_path / "rows.mcap")).open(origin)
-    saving.write(Rows.of(rows()))
-    saving.close()
+    origin = ExportSource(PORTS, {"b": 9600}, [Selection("motor = 1", 99)])
+    with exported(tmp_path / "rows.mcap", OutputFormat.MCAP, origin) as write:
+        for item in (Rows.of(rows()), *gaps):
+            write(item)
     reader = Recording(tmp_path / "rows.mcap")
     assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])
     assert {port.name: port.baud for port in reader.ports} == {PORTS[0]: None, "b": 9600}
@@ -235,13 +236,15 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
 
 def test_a_file_that_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    target = SaveTarget.parse(f"{path}!")
-    saving = target.open(ORIGIN)
-    with RecordingWriter(path, []) as writer:
-        with pytest.raises(FileError, match="being recorded to by another program"):
-            saving.close()
-        with pytest.raises(FileError, match="being recorded to by another program"):
-            target.open(ORIGIN)
-        writer.flush()
+    writer: RecordingWriter | None = None
+    for _ in range(2):
+        with (
+            pytest.raises(FileError, match="being recorded to by another program"),
+            exported(path, OutputFormat.MCAP, ORIGIN),
+        ):
+            writer = writer or RecordingWriter(path, [])
+    assert writer is not None
+    writer.flush()
     assert not writer.is_gone
+    writer.close()
     assert [one.name for one in tmp_path.iterdir()] == ["x.mcap"]

@@ -8,8 +8,9 @@ from threading import Thread
 
 import pytest
 
-from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import Status
+from fte_sniff.recording.reader import Recording
 from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette
@@ -42,10 +43,25 @@ def test_shown_rows_are_saved(feed: ListFeed, tmp_path: Path) -> None:
         await press(app, "f 'motor = 1' enter w ctrl+u 'a.csv' enter")
         await until(app, "saved 10 rows to")
         assert len((tmp_path / "a.csv").read_text().splitlines()) == 11
-        await press(app, "w ctrl+u 'nowhere/a.csv' enter")
+        await press(app, "w ctrl+u 'a.pdf' enter")
         assert app.line.question is not None
 
     play(feed, scenario)
+
+
+def test_a_saved_recording_names_the_gaps_between_its_rows(feed: ListFeed, tmp_path: Path) -> None:
+    rows = speed_rows(40)
+    feed.give(rows)
+    feed.changes = [Change(20, Gap(GapKind.NOT_SHOWN, reason="too slow"))]
+
+    async def scenario(app: SniffApp) -> None:
+        await press(app, "w ctrl+u 'a.mcap' enter")
+        await until(app, "saved 40 rows to")
+
+    play(feed, scenario)
+    (gap,) = Recording(tmp_path / "a.mcap").gaps()
+    assert gap.reason == "too slow"
+    assert (gap.start_ns, gap.end_ns) == ((rows[19].t_ns or 0) + 1, (rows[20].t_ns or 0) - 1)
 
 
 def test_a_lost_port_stays_in_the_status_line_until_it_is_found_or_esc(feed: ListFeed) -> None:
