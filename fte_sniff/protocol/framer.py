@@ -20,18 +20,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fte_sniff.protocol.gap import IS_HEADER, LEGAL
-from fte_sniff.protocol.islands import (
-    CORE,
-    MARGIN,
-    DecidedSegments,
-    State,
-    Wall,
-    ranges,
-    segments,
-)
+from fte_sniff.protocol.gap import LEGAL, DecidedSegments
+from fte_sniff.protocol.islands import CORE, MARGIN, State, Wall, ranges, segments
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import (
+    FAULT_BITS,
+    IS_HEADER,
     MOST_BYTES,
     NO_KIND,
     NO_ROWS,
@@ -41,7 +35,6 @@ from fte_sniff.protocol.rows import (
     Codes,
     Ints,
     Rows,
-    fault_bits,
     kind_of,
 )
 from fte_sniff.protocol.spec import (
@@ -188,9 +181,9 @@ class Framer:
         """Take the bytes of a chunk; `drain` decides them. Never raises on wire data."""
         silence_ns = self._times.append(chunk)
         if silence_ns >= SETTLING_NS:
-            self._wall(is_soft=True)
+            self._walls.append(Wall(self._size, is_soft=True))
         if silence_ns >= GIVING_UP_NS:
-            self._wall(is_soft=False)
+            self.end()
         if chunk.data:
             self._errors += (
                 (self._size + start, self._size + stop) for start, stop in chunk.line_errors
@@ -198,23 +191,17 @@ class Framer:
             self._chunks.append(chunk.data)
             self._size += len(chunk.data)
 
-    def _wall(self, *, is_soft: bool) -> None:
-        wall = Wall(self._size, is_soft)
-        if wall not in self._walls[-2:]:
-            self._walls.append(wall)
-
     def end(self) -> None:
         """End the frame: `drain` decides all bytes so far, and further ones do not join them."""
-        self._wall(is_soft=False)
+        self._walls.append(Wall(self._size, is_soft=False))
 
     def finish(self) -> Rows:
-        """Decide all bytes, and return the rows since the last `drain`: the stream ends here."""
-        self.end()
-        return self.drain()
+        """Decide all bytes, and return the rows since the last `drain`: the stream ends here.
 
-    def restart(self) -> Rows:
-        """Finish, and start a new stream whose offsets and times continue."""
-        rows = self.finish()
+        Further bytes are a new stream whose offsets and times continue.
+        """
+        self.end()
+        rows = self.drain()
         self._zeros = 0
         return rows
 
@@ -259,17 +246,17 @@ class Framer:
         order = np.argsort(offset, kind="stable")
         offset = offset[order]
         length = np.concatenate([(stop - start)[is_row], noise_length])[order]
-        faults = np.concatenate([faults[is_row], is_noise * _BITS[Fault.NOISE]])[order]
+        faults = np.concatenate([faults[is_row], is_noise * FAULT_BITS[Fault.NOISE]])[order]
         framed = np.concatenate([framed[is_row], ~is_noise])[order]
         raw = _bytes_of(data, offset, length)
         unusual, self._zeros = unusual_reserves(raw, framed & (faults == 0), self._zeros)
-        faults[unusual] |= _BITS[Fault.RESERVED_NONZERO]
+        faults[unusual] |= FAULT_BITS[Fault.RESERVED_NONZERO]
         offset = offset + self._base
         for error in self._errors:
             low, high = np.searchsorted(offset, error).tolist()
             if low == 0 or offset[low - 1] + length[low - 1] > error[0]:
                 low = max(0, low - 1)
-            faults[low:high] |= _BITS[Fault.LINE_ERROR]
+            faults[low:high] |= FAULT_BITS[Fault.LINE_ERROR]
         t_ns, delay_ns = self._times.began(offset)
         return Rows.blank(
             len(offset), self._ports, t_ns=t_ns, offset=offset, delay_ns=delay_ns,
@@ -296,9 +283,9 @@ def _bytes_of(data: Codes, offset: Ints, length: Ints) -> Codes:
 
 # What is wrong with a segment
 
-_BITS: Final = {fault: fault_bits([fault]) for fault in Fault}
 _DAMAGES: Final = [
-    _BITS[fault] for fault in (Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL)
+    FAULT_BITS[fault]
+    for fault in (Fault.TRUNCATED, Fault.OVERLONG, Fault.BAD_HEADER, Fault.BAD_TAIL)
 ]
 _OFFSETS: Final = np.arange(FRAME_LENGTH)
 
@@ -307,9 +294,9 @@ def _field_faults() -> Array:
     """By kind and offset: the fault of an illegal byte there."""
     found = np.zeros((len(KINDS), FRAME_LENGTH), np.uint16)
     for code, kind in enumerate(KINDS):
-        found[code, kind.reserved.start : kind.reserved.stop] = _BITS[Fault.RESERVED_NONZERO]
+        found[code, kind.reserved.start : kind.reserved.stop] = FAULT_BITS[Fault.RESERVED_NONZERO]
         for field in kind.fields:
-            found[code, field.start] = _BITS[field.fault] if field.fault else 0
+            found[code, field.start] = FAULT_BITS[field.fault] if field.fault else 0
     return found
 
 
@@ -338,7 +325,7 @@ def frame_faults(raw: Codes) -> Array:
     known = np.minimum(kinds, NO_KIND - 1)
     is_illegal = ~LEGAL[known[:, None], _OFFSETS, raw]
     found = np.bitwise_or.reduce(np.where(is_illegal, _FIELD_FAULTS[known], 0), axis=1)
-    found[kinds == NO_KIND] = _BITS[Fault.UNKNOWN_CMD]
-    found[found == 0] = _BITS[Fault.AMBIGUOUS]
+    found[kinds == NO_KIND] = FAULT_BITS[Fault.UNKNOWN_CMD]
+    found[found == 0] = FAULT_BITS[Fault.AMBIGUOUS]
     faults: Array = found.astype(np.uint16)
     return faults

@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
-from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints, kind_of
+from fte_sniff.protocol.rows import IS_HEADER, NO_KIND, Array, Bools, Codes, Ints, kind_of
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
     HEADER_BYTES,
@@ -112,7 +112,6 @@ _HEADER: Final = np.float32(256 / len(HEADERS))
 _LENGTHS: Final = np.arange(LONGEST + 1)
 _ANY_FRAMED: Final = _UNUSUAL * 256 / len(HEADERS) * 256
 """Score of ten bytes with a header and a tail that are no legal frame."""
-IS_HEADER: Final = np.isin(np.arange(256), list(HEADER_BYTES))
 
 
 def _damage() -> Array:
@@ -143,43 +142,39 @@ _BOTH: Final = np.ascontiguousarray(_DAMAGE[:, 1:, 1:])
 """By length, last and first bytes that are left."""
 
 
-class Divided(NamedTuple):
-    """The segments of some gaps that are not noise, in columns, by gap and offset."""
+class DecidedSegments(NamedTuple):
+    """Segments that are not noise, and bounds where noise ends, in columns; offsets in the data."""
 
-    gap: Ints
-    """Number of the gap."""
     start: Ints
-    """Offset of the first byte in the data."""
     stop: Ints
+    """Equal to `start` for a bound."""
     probability: Array
-    """Of a whole frame (0-1); 0 for all others."""
+    """Of a whole frame (0-1); 0 for all other segments, and for a frame that others contest."""
 
 
 class Gaps(NamedTuple):
-    """Some gaps of a buffer, in columns."""
+    """Some gaps of a buffer, or windows of them, in columns."""
 
-    start: Array
-    stop: Array
+    start: Ints
+    stop: Ints
+    first: Ints
+    last: Ints
+    """The segments that begin from `first` on, and before `last`, are taken."""
     is_open_before: Array
     """Whether a frame may have begun before the gap."""
     is_open_after: Array
     """Whether a frame may reach over the end of the gap."""
 
 
-def divide(data: Array, gaps: Gaps) -> Divided:
-    """Divide gaps of a buffer of bytes."""
+def divide(data: Codes, gaps: Gaps) -> Iterator[DecidedSegments]:
+    """Divide gaps of a buffer of bytes, those of about the same size in one table."""
     order = np.argsort(gaps.stop - gaps.start, kind="stable")
-    parts = []
     for at in range(0, len(order), _MOST_GAPS):
         own = order[at : at + _MOST_GAPS]
-        found = _divide(data, Gaps(*(column[own] for column in gaps)))
-        parts.append(found._replace(gap=own[found.gap]))
-    if not parts:
-        return Divided(order, order, order, np.zeros(0))
-    return Divided(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        yield _divide(data, Gaps(*(column[own] for column in gaps)))
 
 
-def _divide(data: Array, gaps: Gaps) -> Divided:
+def _divide(data: Codes, gaps: Gaps) -> DecidedSegments:
     """Divide gaps in one table."""
     sizes = gaps.stop - gaps.start
     width = int(sizes.max())
@@ -193,7 +188,8 @@ def _divide(data: Array, gaps: Gaps) -> Divided:
     probability = posterior[start, length, gap]
     probability[(length != FRAME_LENGTH - 1) | ~is_whole[start, gap]] = 0
     start += (gaps.start - first)[gap]
-    return Divided(gap, start, start + length + 1, probability)
+    own = (start >= gaps.first[gap]) & (start < gaps.last[gap])
+    return DecidedSegments(start[own], (start + length + 1)[own], probability[own])
 
 
 def _scores(block: Array, first: Ints, is_open: Bools) -> tuple[Array, Bools]:

@@ -24,8 +24,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from fte_sniff.protocol.gap import LEGAL, LONGEST, Gaps, divide
-from fte_sniff.protocol.rows import NO_KIND, Array, Bools, Codes, Ints, kind_of
+from fte_sniff.protocol.gap import LEGAL, LONGEST, DecidedSegments, Gaps, divide
+from fte_sniff.protocol.rows import NO_KIND, Bools, Codes, Ints, kind_of
 from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL
 
 WIDEST: Final = 96
@@ -83,16 +83,6 @@ class State(NamedTuple):
     """Offset of the last bound; less than `at` within a wide gap."""
 
 
-class DecidedSegments(NamedTuple):
-    """Segments that are not noise, and bounds where noise ends, in columns."""
-
-    start: Ints
-    stop: Ints
-    """Equal to `start` for a bound."""
-    probability: Array
-    """Of a whole frame; 0 for all other segments, and for a frame that others contest."""
-
-
 def segments(
     data: Codes, base: int, state: State, walls: Sequence[Wall]
 ) -> tuple[DecidedSegments, State]:
@@ -113,10 +103,12 @@ def segments(
     frame, start, stop = start[is_frame], start[~is_frame], stop[~is_frame]
     if known - bound > WIDEST:
         start, stop = np.append(start, bound), np.append(stop, _FAR)
-    found, at = _divided(data, _windows(start, stop, state.at, base % CORE, known))
+    windows = _windows(start, stop, state.at, base % CORE, known)
+    at = int(windows.last.max(initial=0))
     is_sure = ~_mask(contested, len(data))[frame + FRAME_LENGTH]
     frames = DecidedSegments(frame, frame + FRAME_LENGTH, is_sure.astype(np.float64))
-    found = _in_order(state.at, DecidedSegments(ends, ends, np.zeros(len(ends))), frames, found)
+    bounds_of_silence = DecidedSegments(ends, ends, np.zeros(len(ends)))
+    found = _in_order(state.at, bounds_of_silence, frames, *divide(data, windows))
     return found, State(max(state.at, bound, at, int(found.stop[-1:].max(initial=0))), bound)
 
 
@@ -168,15 +160,7 @@ def _in_step(bounds: Ints, strict: Ints, known: int) -> list[int]:
     return found
 
 
-class _Windows(NamedTuple):
-    """What is divided of gaps, and between which offsets the segments of each begin."""
-
-    gaps: Gaps
-    first: Ints
-    last: Ints
-
-
-def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> _Windows:
+def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> Gaps:
     """The windows of gaps from an offset on; a narrow gap is one window."""
     is_wide = stop - start > WIDEST
     core = np.maximum(start, at)
@@ -187,16 +171,8 @@ def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> _Windo
     start, stop, length = start.repeat(counts), stop.repeat(counts), length.repeat(counts)
     core = ranges(core, counts, CORE)
     low, high = np.maximum(core - MARGIN, start), np.minimum(core + length + MARGIN, stop)
-    gaps = Gaps(low, high, low > start, high < stop)
-    return _Windows(gaps, np.maximum(core, start), np.minimum(core + length, stop))
-
-
-def _divided(data: Codes, windows: _Windows) -> tuple[DecidedSegments, int]:
-    """The segments of windows, and the offset up to which these are decided."""
-    gaps, first, last = windows
-    number, start, stop, probability = divide(data, gaps)
-    own = (start >= first[number]) & (start < last[number])
-    return DecidedSegments(start[own], stop[own], probability[own]), int(last.max(initial=0))
+    first, last = np.maximum(core, start), np.minimum(core + length, stop)
+    return Gaps(low, high, first, last, low > start, high < stop)
 
 
 def ranges(first: Ints, counts: Ints, step: int) -> Ints:

@@ -62,6 +62,9 @@ KIND_OF: Final = np.full(1 << 16, NO_KIND, np.uint8)
 for (_header, _cmd), _kind in KIND_BY_HEADER_AND_CMD.items():
     KIND_OF[_header << 8 | _cmd] = KINDS.index(_kind)
 
+IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
+"""By byte: whether it can begin a frame."""
+
 NO_DIRECTION: Final = len(Direction)
 """The direction code of a row without a direction."""
 
@@ -88,17 +91,18 @@ FACTS: Final = ("answer_ns", "unanswered", "motor_hint", "previous")
 _PAYLOAD: Final = slice(NUM_OFFSET + 1, FRAME_LENGTH - 1)
 """The bytes of a frame that hold its fields but the motor: at most eight."""
 
-_BITS: Final = {fault: 1 << number for number, fault in enumerate(Fault)}
+FAULT_BITS: Final = {fault: 1 << number for number, fault in enumerate(Fault)}
+"""The bit of each fault in the column `faults`."""
 
 
 def fault_bits(faults: Iterable[Fault]) -> int:
     """The value of the column `faults` for some faults."""
-    return sum(_BITS[fault] for fault in set(faults))
+    return sum(FAULT_BITS[fault] for fault in set(faults))
 
 
 def faults_in(bits: int) -> tuple[Fault, ...]:
     """The faults of a value of the column `faults`, in the order of `Fault`."""
-    return tuple(fault for fault, bit in _BITS.items() if bits & bit)
+    return tuple(fault for fault, bit in FAULT_BITS.items() if bits & bit)
 
 
 def kind_of(headers: Codes, cmds: Codes) -> Codes:
@@ -238,9 +242,8 @@ class Rows(Sequence[Row]):
             "raw": np.frombuffer(raw, np.uint8).reshape(-1, MOST_BYTES),
         }
         for name in COLUMNS.keys() - columns.keys():
-            missing = NO_TIME if name in {"t_ns", "delay_ns"} else NO_FACT
             values = [getattr(row, name) for row in rows]
-            columns[name] = [missing if value is None else value for value in values]
+            columns[name] = [COLUMNS[name][1] if one is None else one for one in values]
         return cls.blank(len(rows), ports, **columns)
 
     @classmethod
@@ -275,10 +278,6 @@ class Rows(Sequence[Row]):
 
     def __repr__(self) -> str:
         return f"<{len(self)} rows>"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the columns once."""
-        return type(self), (self.columns, self.ports)
 
     @overload
     def __getitem__(self, at: int) -> Row: ...

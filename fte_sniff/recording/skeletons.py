@@ -23,6 +23,7 @@ from google.protobuf.message import DecodeError
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import (
     COLUMNS,
+    IS_HEADER,
     MOST_BYTES,
     Array,
     Bools,
@@ -32,7 +33,7 @@ from fte_sniff.protocol.rows import (
     Rows,
     fault_bits,
 )
-from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, HEADERS, TAIL, Fault
+from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL, Fault
 from fte_sniff.recording.chunks import HEAD
 from fte_sniff.recording.schema import MALFORMED, class_of, encode_row, topic_of
 
@@ -60,7 +61,6 @@ _SIZES: Final = {1: 8, 5: 4}
 _DELIMITED: Final = 2
 _NUMBERS: Final = {"time_ns": "t_ns", "offset": "offset", "read_delay_ns": "delay_ns"}
 """The columns of the numbers that are not in the bytes."""
-_IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 
 
 class Messages(NamedTuple):
@@ -171,7 +171,7 @@ class _Skeleton:
         own: Array = np.ndarray(len(columns), f"V{length}", columns.raw, 0, columns.raw.strides[:1])
         own[rows] = start
         if self.framed:
-            valid &= _IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
+            valid &= IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
         return valid
 
     def rest(self, windows: Array, rows: Rows, first: int) -> Rows:

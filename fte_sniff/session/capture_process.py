@@ -248,7 +248,7 @@ class CaptureLoop:
             wire.framer.end()
         self._drain(event.port)  # rows before the event keep their places and times
         if is_break:
-            wire.framer.restart()
+            wire.framer.finish()
         if event.kind is PortEventKind.LOST:
             self._lost = event
         if event.kind in (PortEventKind.LOST, PortEventKind.CLOSED):

@@ -124,10 +124,12 @@ def divided(parts: list[tuple[bytes, bool, bool]]) -> list[dict[tuple[int, int],
     stops = np.cumsum([len(raw) for raw, _, _ in parts])
     starts = stops - [len(raw) for raw, _, _ in parts]
     flags = (np.array([part[at] for part in parts], np.bool_) for at in (1, 2))
-    found = divide(np.frombuffer(data, np.uint8), Gaps(starts, stops, *flags))
     segments: list[dict[tuple[int, int], float]] = [{} for _ in parts]
-    for gap, start, stop, probability in zip(*(column.tolist() for column in found), strict=True):
-        segments[gap][start - int(starts[gap]), stop - int(starts[gap])] = probability
+    for found in divide(np.frombuffer(data, np.uint8), Gaps(starts, stops, starts, stops, *flags)):
+        columns = (column.tolist() for column in found)
+        for start, stop, probability in zip(*columns, strict=True):
+            gap = int(np.searchsorted(stops, start, "right"))
+            segments[gap][start - int(starts[gap]), stop - int(starts[gap])] = probability
     return segments
 
 
