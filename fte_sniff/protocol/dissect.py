@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from fte_sniff.errors import Joint, TranslatableText, listed
 from fte_sniff.protocol.columns import spaced_hex
@@ -36,7 +36,6 @@ _HEADER_MEANINGS = {
     Direction.CONTROL: TranslatableText("header: control, host to controller"),
     Direction.FEEDBACK: TranslatableText("header: feedback, controller to host"),
 }
-_HEADERS = [f"{header:02X}" for header in HEADER_BYTES]
 
 
 class ExplainedBit(NamedTuple):
@@ -74,166 +73,139 @@ class ExplainedField(NamedTuple):
     """Whether it is a flag byte that differs from its default."""
 
 
+_SHAPES = {Fault.BAD_HEADER, Fault.BAD_TAIL, Fault.TRUNCATED, Fault.OVERLONG}
+"""Faults of bytes that are like a frame; all other bytes without a frame are noise."""
+
+
 def dissect(row: Row) -> list[ExplainedField]:
-    """Explain every byte of the row once, in order (docs/reference/protocol.md, "Frames")."""
-    size, faults = len(row.raw), row.faults
-    if row.framed:
-        return [_decoded(row, slot) for slot in _layout(row.kind)]
-    kind = KIND_BY_HEADER_AND_CMD.get((row.raw[0], (row.raw + b"\0")[CMD_OFFSET]))
-    if size == FRAME_LENGTH and (Fault.BAD_HEADER in faults or Fault.BAD_TAIL in faults):
-        return [*_undecoded(row, kind)]
-    length_fault = Fault.TRUNCATED if size < FRAME_LENGTH else Fault.OVERLONG
-    if length_fault in faults and size != FRAME_LENGTH:
-        return [*_undecoded(row, kind), _length_damage(row, length_fault)]
-    fault = Fault.NOISE if Fault.NOISE in faults else next(iter(faults), None)
-    return [_explained(row, range(size), "noise", fault=fault)]
+    """Explain every byte of the row once, in order (docs/reference/protocol.md, "Frames").
+
+    Damage has no values: a missing byte may have been anywhere.
+    """
+    raw, size = row.raw, len(row.raw)
+    if not row.framed and _SHAPES.isdisjoint(row.faults):
+        fault = Fault.NOISE if Fault.NOISE in row.faults else None
+        return [ExplainedField(range(size), raw, "noise", fault=fault)]
+    slots = _layout(raw[0], raw[CMD_OFFSET] if size > CMD_OFFSET else None)
+    fields = [_explained(row, slot) for slot in slots if slot.offsets.start < size]
+    return fields if size == FRAME_LENGTH else [*fields, _length_damage(row)]
 
 
 def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row; empty if it has none."""
+    form = "{fault}: {meaning}"
     return [
-        TranslatableText(
-            "{fault}: {meaning}",
-            fault=fault.value,
-            meaning=TranslatableText(FAULT_MEANINGS[fault]),
-        )
-        for fault in row.faults
+        TranslatableText(form, fault=one.value, meaning=TranslatableText(FAULT_MEANINGS[one]))
+        for one in row.faults
     ]
 
 
 class _Slot(NamedTuple):
+    """Adjacent bytes of a frame with one meaning."""
+
     offsets: range
     name: str
     meaning: str
+    legal: bytes = b""
+    """The bytes without a fault."""
+    fault: Fault | None = None
+    """The fault of another byte; None if each byte is legal."""
     field: Field | None = None
 
 
 @cache
-def _layout(kind: FrameKind | None) -> tuple[_Slot, ...]:
-    num = _Slot(range(NUM_OFFSET, NUM_OFFSET + 1), "num", TranslatableText("NUM"))
-    if kind is None:
-        payload = range(NUM_OFFSET + 1, FRAME_LENGTH - 1)
-        inner = [num, _Slot(payload, "payload", TranslatableText("payload"))]
-    else:
-        inner = [_Slot(field.offsets, field.name, field.meaning, field) for field in kind.fields]
-        inner += [] if kind.names_motor else [num]
-        if kind.reserved:
-            inner.append(_Slot(kind.reserved, "reserve", TranslatableText("reserve")))
-    return (
-        _Slot(range(1), "header", TranslatableText("header")),
-        _Slot(range(CMD_OFFSET, CMD_OFFSET + 1), "cmd", TranslatableText("CMD")),
-        *sorted(inner, key=lambda slot: slot.offsets.start),
-        _Slot(range(FRAME_LENGTH - 1, FRAME_LENGTH), "tail", TranslatableText("tail")),
-    )
-
-
-def _explained(
-    row: Row, offsets: range, name: str, meaning: str = "", **more: Any
-) -> ExplainedField:
-    """Adjacent bytes of the row; a fault that the row does not have is left out, with its note."""
-    raw = row.raw[offsets.start : offsets.stop]
-    found = ExplainedField(offsets, raw, name, meaning=meaning, **more)
-    return found if found.fault in row.faults else found._replace(fault=None, note="")
-
-
-def _expected(expected: object, found: object) -> TranslatableText:
-    return TranslatableText("expected {wanted}, found {found}", wanted=expected, found=found)
-
-
-def _decoded(row: Row, slot: _Slot) -> ExplainedField:
-    offsets, name, _, field = slot
-    kind, byte = row.kind, row.raw[offsets.start]
-    if field is not None:
-        return _flags(row, field) if field.legal_bits is not None else _number(row, field)
-    if name == "cmd":
-        return _cmd(row, kind)
-    if name == "header":
-        direction = DIRECTION_OF_HEADER[byte]
-        meaning = _HEADER_MEANINGS[direction]
-        return _explained(row, offsets, name, meaning, value=direction.value)
-    if name == "tail":
-        return _explained(row, offsets, name, slot.meaning)
-    if kind is None:
-        return _explained(row, offsets, name, TranslatableText("unknown under this CMD"))
-    if name == "reserve":
-        return _reserve(row, kind)
-    meaning = TranslatableText("NUM: any value, it means nothing here")
-    return _explained(row, offsets, name, meaning, value=str(byte))
-
-
-def _cmd(row: Row, kind: FrameKind | None) -> ExplainedField:
-    meaning, cmds = "CMD", [cmd for head, cmd in KIND_BY_HEADER_AND_CMD if head == row.raw[0]]
+def _layout(header: int, cmd: int | None) -> tuple[_Slot, ...]:
+    """The slots of a frame by its first bytes; without a kind, its inner bytes mean nothing."""
+    kind = None if cmd is None else KIND_BY_HEADER_AND_CMD.get((header, cmd))
+    cmds = bytes(sorted(cmd for head, cmd in KIND_BY_HEADER_AND_CMD if head == header))
+    name, meaning = TranslatableText("header"), TranslatableText("CMD")
+    if direction := DIRECTION_OF_HEADER.get(header):
+        name = _HEADER_MEANINGS[direction]
     if kind is not None:
         meaning = TranslatableText(
             "CMD: {kind}, {meaning}", kind=kind.name, meaning=TranslatableText(kind.meaning)
         )
-    note = _expected(listed((f"{cmd:02X}" for cmd in sorted(cmds)), Joint.OR), f"{row.cmd:02X}")
-    fault = None if kind else Fault.UNKNOWN_CMD
-    return _explained(row, range(1, 2), "cmd", meaning, value=str(row.cmd), fault=fault, note=note)
+    tail = range(FRAME_LENGTH - 1, FRAME_LENGTH)
+    slots = [
+        _Slot(range(1), "header", name, HEADER_BYTES, Fault.BAD_HEADER),
+        _Slot(range(CMD_OFFSET, CMD_OFFSET + 1), "cmd", meaning, cmds, Fault.UNKNOWN_CMD),
+        *_inner_slots(kind),
+        _Slot(tail, "tail", TranslatableText("tail"), bytes([TAIL]), Fault.BAD_TAIL),
+    ]
+    return tuple(sorted(slots, key=lambda slot: slot.offsets.start))
 
 
-def _reserve(row: Row, kind: FrameKind) -> ExplainedField:
-    offsets = kind.reserved
+def _inner_slots(kind: FrameKind | None) -> Iterator[_Slot]:
+    num = range(NUM_OFFSET, NUM_OFFSET + 1)
+    if kind is None:
+        unknown = TranslatableText("unknown under this CMD")
+        yield _Slot(num, "num", unknown)
+        yield _Slot(range(num.stop, FRAME_LENGTH - 1), "payload", unknown)
+        return
+    legal = kind.legal_bytes()
+    for field in kind.fields:
+        meaning = TranslatableText(field.meaning)
+        if field.legal_bits is None:
+            form = "{meaning} ({range})"
+            meaning = TranslatableText(form, meaning=meaning, range=field.range_text)
+        own = legal[field.start] or b""
+        yield _Slot(field.offsets, field.name, meaning, own, field.fault, field)
+    if not kind.names_motor:
+        yield _Slot(num, "num", TranslatableText("NUM: any value, it means nothing here"))
+    if kind.reserved:
+        meaning = TranslatableText("reserve: no meaning; the protocol states no value")
+        if kind.reserve is not None:
+            meaning = TranslatableText(
+                "reserve: no meaning; the protocol shows {byte}", byte=f"{kind.reserve:02X}"
+            )
+        usual = bytes([kind.reserve or 0])
+        yield _Slot(kind.reserved, "reserve", meaning, usual, Fault.RESERVED_NONZERO)
+
+
+def _explained(row: Row, slot: _Slot) -> ExplainedField:
+    """The bytes of the row in a slot; they have a fault only if the row has it."""
+    offsets, name, meaning, legal, fault, field = slot
     raw = row.raw[offsets.start : offsets.stop]
-    wanted = bytes([kind.reserve or 0x00]) * len(raw)
-    meaning = TranslatableText("reserve: no meaning; the protocol states no value")
-    if kind.reserve is not None:
-        meaning = TranslatableText(
-            "reserve: no meaning; the protocol shows {byte}", byte=f"{kind.reserve:02X}"
+    found = ExplainedField(range(offsets.start, offsets.start + len(raw)), raw, name, "", meaning)
+    if fault in row.faults and not set(legal).issuperset(raw):
+        note = TranslatableText(
+            "expected {wanted}, found {found}", wanted=_wanted(legal, raw), found=spaced_hex(raw)
         )
-    note = _expected(spaced_hex(wanted), spaced_hex(raw))
-    fault = None if raw == wanted else Fault.RESERVED_NONZERO
-    return _explained(row, offsets, "reserve", meaning, fault=fault, note=note)
-
-
-def _number(row: Row, field: Field) -> ExplainedField:
+        found = found._replace(fault=fault, note=note)
+    if not row.framed:
+        return found
+    if name == "header":
+        return found._replace(value=DIRECTION_OF_HEADER[raw[0]].value)
+    if field is None:
+        return found._replace(value=str(raw[0]) if name in {"cmd", "num"} else "")
     value = field.read(row.raw)
-    meaning = TranslatableText(
-        "{meaning} ({range})", meaning=TranslatableText(field.meaning), range=field.range_text
-    )
-    number = _explained(
-        row,
-        field.offsets,
-        field.name,
-        meaning,
-        value=f"{value} {field.unit}".rstrip(),
-        fault=None if field.is_legal(value) else field.fault,
-        note=_expected(field.range_text, value),
-    )
-    erratum = TranslatableText(field.erratum) if value and field.erratum else ""
-    return number._replace(note=erratum or number.note)
+    if value and field.erratum:
+        found = found._replace(note=TranslatableText(field.erratum))
+    if field.legal_bits is not None:
+        found = found._replace(bits=tuple(_bits(field, value)), is_raised=field.raised(value))
+    return found._replace(value=f"{field.text(value)} {field.unit}".rstrip())
 
 
-def _flags(row: Row, field: Field) -> ExplainedField:
-    byte = field.read(row.raw)
-    defined, raised = field.legal_bits or 0, byte ^ (field.default or 0)
-    note = TranslatableText(
-        "bits that the protocol does not define are set: {bits}", bits=f"{byte & ~defined:#04x}"
-    )
-    bits = (
-        ExplainedBit(bit, _has(byte, bit), _has(raised, bit), *_bit_meaning(field, byte, bit))
-        for bit in range(8)
-    )
-    return _explained(
-        row,
-        field.offsets,
-        field.name,
-        field.meaning,
-        value=field.text(byte),
-        fault=None if field.is_legal(byte) else field.fault,
-        note=note,
-        bits=tuple(bits),
-        is_raised=field.raised(byte),
-    )
+def _wanted(legal: bytes, raw: bytes) -> str:
+    """The legal bytes of a slot in words: `00 00`, `00-0F`, `AA or 55`."""
+    if len(legal) == 1:
+        return spaced_hex(legal * len(raw))
+    if 2 < len(legal) == max(legal) - min(legal) + 1:
+        return f"{min(legal):02X}-{max(legal):02X}"
+    return listed((f"{byte:02X}" for byte in legal), Joint.OR)
 
 
-def _has(byte: int, bit: int) -> bool:
-    return bool(byte >> bit & 1)
+def _bits(field: Field, value: int) -> Iterator[ExplainedBit]:
+    """The bits of a flag byte, from bit 0 up."""
+    raised = value ^ (field.default or 0)
+    for bit in range(8):
+        is_set = bool(value >> bit & 1)
+        yield ExplainedBit(bit, is_set, bool(raised >> bit & 1), *_bit_meaning(field, bit, is_set))
 
 
-def _bit_meaning(field: Field, byte: int, bit: int) -> tuple[str, str]:
+def _bit_meaning(field: Field, bit: int, is_set: bool) -> tuple[str, str]:
     """The label and the meaning of a bit of a flag byte."""
-    if not _has(field.legal_bits or 0, bit):
+    if not (field.legal_bits or 0) >> bit & 1:
         return TranslatableText("undefined"), TranslatableText("undefined")
     if field.role is not Role.ONLINE:
         unknown = TranslatableText("meaning unknown: the protocol does not say")
@@ -243,32 +215,21 @@ def _bit_meaning(field: Field, byte: int, bit: int) -> tuple[str, str]:
     return motor, TranslatableText(
         "{motor} {state} (assumption: the protocol does not say which bit is which motor)",
         motor=motor,
-        state=TranslatableText("online") if _has(byte, bit) else TranslatableText("not online"),
+        state=TranslatableText("online") if is_set else TranslatableText("not online"),
     )
 
 
-def _undecoded(row: Row, kind: FrameKind | None) -> Iterator[ExplainedField]:
-    """A damaged frame as far as it has bytes: only a wrong header or tail is at fault."""
-    limited = {"header": (Fault.BAD_HEADER, _HEADERS), "tail": (Fault.BAD_TAIL, [f"{TAIL:02X}"])}
-    for slot in _layout(kind):
-        offsets = range(slot.offsets.start, min(slot.offsets.stop, len(row.raw)))
-        if offsets:
-            byte = f"{row.raw[offsets.start]:02X}"
-            fault, wanted = limited.get(slot.name, (None, [byte]))
-            own = None if byte in wanted else fault
-            note = _expected(listed(wanted, Joint.OR), byte)
-            yield _explained(row, offsets, slot.name, slot.meaning, fault=own, note=note)
-
-
-def _length_damage(row: Row, fault: Fault) -> ExplainedField:
+def _length_damage(row: Row) -> ExplainedField:
     """What is missing at the end of a row, or too much there: it may have been anywhere before."""
-    count = len(row.raw)
-    if fault is Fault.TRUNCATED:
+    count, fault = len(row.raw), Fault.OVERLONG
+    offsets, name = range(FRAME_LENGTH, count), "extra"
+    meaning = TranslatableText("{count} bytes too many, here or before", count=count - FRAME_LENGTH)
+    if count < FRAME_LENGTH:
+        offsets, name, fault = range(count, count), "missing", Fault.TRUNCATED
         meaning = TranslatableText(
             "{count} of a frame's {length} bytes are missing, here or before",
             count=FRAME_LENGTH - count,
             length=FRAME_LENGTH,
         )
-        return _explained(row, range(count, count), "missing", meaning, fault=fault)
-    meaning = TranslatableText("{count} bytes too many, here or before", count=count - FRAME_LENGTH)
-    return _explained(row, range(FRAME_LENGTH, count), "extra", meaning, fault=fault)
+    known = fault if fault in row.faults else None
+    return ExplainedField(offsets, row.raw[FRAME_LENGTH:], name, meaning=meaning, fault=known)

@@ -44,17 +44,18 @@ def named(fields: list[ExplainedField], name: str) -> ExplainedField:
         (
             "AA 01 02 03 E8 00 00 00 00 EF",
             Fault.BAD_TAIL,
-            ["CMD", "motor (driver) number", "target speed", "reserve", "tail"],
+            ["CMD: speed", "motor (driver) number", "target speed", "reserve", "tail"],
         ),
-        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "NUM", "payload", "tail"]),
-        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "NUM", "payload", "tail"]),
+        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "unknown", "unknown", "tail"]),
+        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "unknown", "unknown", "tail"]),
     ],
 )
 def test_a_frame_with_one_wrong_end_is_explained_as_far_as_it_is_known(
     text: str, fault: Fault, meanings: list[str]
 ) -> None:
     fields = damage(text, fault)
-    assert [field.meaning for field in fields[1:]] == meanings
+    for field, meaning in zip(fields[1:], meanings, strict=True):
+        assert field.meaning.startswith(meaning)
     assert [field.name for field in fields if field.fault] == [fault.value.removeprefix("bad_")]
 
 
@@ -83,9 +84,14 @@ def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
             "AA 09 01 03 E8 00 00 27 10 EE",
             "cmd",
             Fault.UNKNOWN_CMD,
-            "or 03, found 09",
+            "expected 00-03, found 09",
         ),
-        ("AA 02 00 03 E8 00 00 27 10 EE", "motor", Fault.BAD_MOTOR, "expected 1..4, found 0"),
+        (
+            "AA 02 00 03 E8 00 00 27 10 EE",
+            "motor",
+            Fault.BAD_MOTOR,
+            "expected 01-04, found 00",
+        ),
         ("AA 01 01 03 E8 00 05 00 00 EE", "reserve", Fault.RESERVED_NONZERO, "found 00 05"),
     ],
 )
