@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import pickle
 from contextlib import suppress
 
@@ -69,7 +68,7 @@ def test_parts_have_the_verdicts_of_the_whole(steps: list[Row | Item], most: int
     for one, other in zip(whole, parts, strict=True):
         expected = None if one.value is None else pytest.approx(one.value)
         assert (other.result, other.value, other.row) == (one.result, expected, one.row)
-        assert (other.needs, other.filter, other.file) == (one.needs, one.filter, one.file)
+        assert (other.needs, other.text) == (one.needs, one.text)
 
 
 @pytest.mark.parametrize("name", MEASURES)
@@ -142,8 +141,7 @@ def test_rules_of_a_file_are_in_its_order() -> None:
         ("rule = 1", "has no rules"),
         (f"{RULE}[other]", "more than rules"),
         (f"{RULE}\nlimit = 1", "rule 1: needs a name and expect"),
-        ('[[rule]]\nname = ""\nexpect = "duration() > 1"', "rule 1: needs a name"),
-        (f"{RULE}may_be_uncovered = 1", "may_be_uncovered = true may follow"),
+        ('[[rule]]\nname = 1\nexpect = "duration() > 1"', "rule 1: needs a name"),
         (f'{RULE}[[rule]]\nname = "b"\nexpect = "x"', "rule 2: 'x' is not a rule"),
     ],
 )
@@ -179,26 +177,28 @@ def test_rule_that_passes(rule: str, value: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rule", "at_ms", "shown"),
+    ("rule", "at_ms"),
     [
-        ("count(malformed) == 0", 7, "malformed"),
-        ("share(malformed) < 0.001", 7, "malformed"),
-        ("max(rpm) <= 100", 500, "NOT rpm <= 100 AND motor = 1"),
-        ("unanswered() == 0", 500, "unanswered AND motor = 1"),
-        ("max_gap(feedback) < 0.02", 28, ""),
-        ("max_gap(motor = 3) < 0.04", 21.75, "motor = 3"),
-        ("delay(max) < 3", 6.25, "NOT answer_ms < 3 AND motor = 1"),
+        ("count(malformed) == 0", 7),
+        ("share(malformed) < 0.001", 7),
+        ("max(rpm) <= 100", 500),
+        ("unanswered() == 0", 500),
+        ("max_gap(feedback) < 0.02", 28),
+        ("max_gap(motor = 3) < 0.04", 21.75),
+        ("delay(max) < 3", 6.25),
     ],
 )
-def test_rule_that_fails_names_the_first_row(rule: str, at_ms: float, shown: str) -> None:
+def test_rule_that_fails_names_the_first_row(rule: str, at_ms: float) -> None:
     more = [damage(7), damage(1007), frame("speed", 500, rpm=200)]
     rows = sorted([*polled(100), *more], key=lambda row: row.t_ns or 0)
     found = verdict([*rows], rule)
     assert found.result is RuleResult.FAIL
     assert found.row is not None
-    assert found.row.t_ns == frame("speed", at_ms).t_ns
-    assert found.file == "file"
-    assert found.filter == shown
+    shown = next(row for row in rows if row.t_ns == frame("speed", at_ms).t_ns)
+    assert found.row == {
+        "time": shown.t_ns, "port": "a", "offset": shown.offset, "file": "file",
+        "motor": shown.values.get("motor"), "raw": shown.raw.hex().upper(),
+    }  # fmt: skip
 
 
 def test_failed_rule_about_answers_names_the_worst_motor() -> None:
@@ -209,7 +209,7 @@ def test_failed_rule_about_answers_names_the_worst_motor() -> None:
     found = verdict(rows, "unanswered() == 0")
     assert found.text == "most of motor 3: 3 of 100 commands"
     assert found.row is not None
-    assert found.row.values["motor"] == 1
+    assert found.row["motor"] == 1
     assert verdict(rows, "unanswered(motor = 4) == 0").text == ""
 
 
@@ -234,7 +234,7 @@ def test_rule_without_its_rows_is_not_covered(rule: str, needs: str) -> None:
 def test_rule_without_times_advises_a_start() -> None:
     found = verdict([frame("speed", None)], "duration() > 1")
     assert found.needs == "two rows with times; no row has a time, try --start"
-    assert verdict([frame("speed", None)], "rate(speed) > 1").result is RuleResult.FAIL
+    assert verdict([frame("speed", None)], "rate(speed) > 1").result is RuleResult.NOT_COVERED
 
 
 @pytest.mark.parametrize("rule", [one for one in MEASURES.values() if one.needs_all])
@@ -259,6 +259,5 @@ def test_finding_of_a_failed_rule_is_named() -> None:
     ]
     found = verdict(rows, "findings(silence) == 0")
     assert found.result is RuleResult.FAIL
-    assert found.finding is not None
-    assert found.finding.motor == 3
-    assert math.isfinite(found.value or 0)
+    assert found.text.startswith("silence from 2023-11-14T")
+    assert "motor 3" in found.text

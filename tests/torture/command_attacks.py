@@ -188,10 +188,10 @@ def names(case: Case) -> None:
             ("decode", "-o", f"x{name}.csv"),
             ("decode", "-o", f"x{name}.mcap"),
             ("decode", "--filter", f"port = '{evil}'"),
-            *(("stats", "--format", form) for form in ("text", "json")),
+            *(("stats", "--format", form) for form in ("table", "json")),
             *(
                 ("check", "--expect", "count(malformed) == 0", "--format", form)
-                for form in ("text", "json", "junit")
+                for form in ("table", "json")
             ),
             ("check", "--expect", evil),
             ("report", "-o", "x.html"),
