@@ -123,7 +123,7 @@ def main() -> None:
                     print(f"{state.rows:>12,} {now.rss_mb:7.1f} {each:10.2f}")
                     shown += 1
         passed = time.monotonic() - start
-        print(f"{session.state.rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s")
+        print(f"{session.capture.rows:,} rows, {path.stat().st_size / 1e6:,.0f} MB, {passed:.0f} s")
 
 
 if __name__ == "__main__":

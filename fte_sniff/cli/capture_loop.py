@@ -92,7 +92,7 @@ def capture(
         if drive is not None:  # on another core, the capture process starts meanwhile
             import fte_sniff.tui.app  # noqa: F401
         session.begin()
-        if not session.state.started:
+        if not session.capture.started:
             session.close()
             print_err(NOT_BEGUN)
             return 0
@@ -115,8 +115,8 @@ def capture(
                 session.stop()
                 _drain(session)
                 session.close()
-        if session.state.error is not None:
-            raise session.state.error
+        if session.capture.error is not None:
+            raise session.capture.error
     return code
 
 
@@ -133,7 +133,7 @@ def _drain(session: LiveSession) -> None:
 
     is_reported = False
     while session.wait(WAIT_S).state.running:
-        backlog = session.state.backlog
+        backlog = session.capture.backlog
         if backlog is not None and not is_reported:
             is_reported = True
             print_err(f"{backlog}; Ctrl-C drops them")

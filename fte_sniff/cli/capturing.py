@@ -336,7 +336,7 @@ class CaptureReport(Observer):
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
-        state = session.state
+        state = session.capture
         self._recording = state.recording
         if self._intro is not None:
             if state.device is not None:
@@ -356,7 +356,7 @@ class CaptureReport(Observer):
             return
         for event in update.events:
             self._print_event(event)
-        state = session.state
+        state = session.capture
         if not state.is_ended and state.error and str(state.error) != self._failure:
             self._failure = str(state.error)
             print_err(self._failure)
@@ -366,7 +366,7 @@ class CaptureReport(Observer):
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary, and the files that were recorded."""
-        state = session.state
+        state = session.capture
         if self._events:
             kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
             print_err(f"port events: {kinds}")
@@ -438,7 +438,7 @@ class Screen(Observer):
         from fte_sniff.tui.app import run_screen
 
         self._notes = Notes(
-            {Path(one): None for one in session.state.recordings if Path(one).is_file()}
+            {Path(one): None for one in session.capture.recordings if Path(one).is_file()}
         )
         if session.stopping:
             return 0

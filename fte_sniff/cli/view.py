@@ -72,8 +72,8 @@ def command(
     language = settings.language(lang)
     if not query.files:
         query = replace(query, files=(_latest(),))
+    from fte_sniff.session.feeds import FileFeed, played
     from fte_sniff.session.notes import Notes
-    from fte_sniff.session.replay import ReplaySession, played
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
 
@@ -89,7 +89,7 @@ def command(
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
     shown = chain(begun, items)
-    session = ReplaySession(
+    session = FileFeed(
         shown if play_speed is None else played(shown, play_speed),
         " ".join(map(str, query.files)),
         reading.progress.total,

@@ -1,6 +1,6 @@
 """Follow a recording that another program writes, from file to file of its capture.
 
-    poll ── grow ── items of the new chunks ── has the writer gone? ── next file, or the end
+    is it over? ── grow ── items of the new chunks ── wait, and again ── next file, or the end
 
 The file is polled, which also works on network file systems. Following ends when the writer
 releases its lock; if no lock was ever seen, when the file has not grown for some time.
@@ -15,7 +15,6 @@ from typing import Final
 from fte_sniff.errors import FileError, Joint, TranslatableText, listed
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Item
-from fte_sniff.recording.chunks import ChunkRef
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.session.inputs import Input, Note, beginning_of, note_losses, recording_input
 
@@ -28,126 +27,128 @@ RELEASE_S: Final = 5.0
 IDLE_S: Final = 10.0
 """How long a file without a lock may stay as it is."""
 
-MOST_BYTES: Final = 4 << 20
-"""Unpacked bytes of the chunks that one poll reads; of one chunk at least."""
+
+def grown(
+    reader: Recording,
+    is_over: Callable[[], bool],
+    known: list[Gap],
+    poll_s: float = POLL_S,
+    span: TimeRange = EVERYTHING,
+) -> Iterator[Item]:
+    """The items of a file while it grows; no rows each time that nothing came.
+
+    Args:
+        reader: opened as growing.
+        is_over: whether nothing is added any more.
+        known: gaps that were reported; new ones are added. Each file of a capture reports those of
+            the files before it, too.
+        poll_s: seconds between two looks at a file to which nothing was added.
+        span: only rows in it.
+
+    Raises FileError if the file was deleted, replaced or cut off.
+    """
+    yield from beginning_of(reader)
+    seen, over = 0, False
+    while not over:
+        over = is_over()  # first: what was flushed before is then complete
+        if over and not reader.has_writer:
+            reader.settle()
+        else:
+            reader.grow()
+        chunks = reader.contents.chunks[seen:]
+        seen += len(chunks)
+        yield from reader.read(chunks, span)
+        gaps = [gap for gap in reader.gaps() if gap not in known]
+        known += gaps
+        yield from gaps
+        if not chunks and not over:
+            yield NO_ROWS
+            time.sleep(poll_s)
 
 
 class Follower:
-    """Reads the files of a capture while they are written; `poll` never waits."""
+    """Follows the files of a capture that another program records."""
 
-    def __init__(self, reader: Recording, goes_on: Callable[[], bool] | None = None) -> None:
-        """Begin with a file that was opened as growing.
-
-        `goes_on` is whether the writer runs, so that a next file can come; None if nobody knows.
-        """
-        self._goes_on = goes_on
+    def __init__(self, reader: Recording) -> None:
+        """Begin with a file that was opened as growing."""
+        self.reader = reader
+        self.stopped = self.is_up_to_date = False
+        """Whether its end was requested, and whether all that was there at first is read."""
+        self.ended: str | None = None
+        """Why following ended, one line; None while it goes on."""
         self._has_lock = False
         """Whether locks work: one was seen."""
         self._open_ports = set[str]()
         """The ports that were opened, and neither closed nor lost."""
-        self._gaps = list[Gap]()
-        """The gaps that were reported; each file reports those of the files before it, too."""
-        self.span = EVERYTHING
-        """Only rows in it are read."""
-        self.note: Note = lambda _note: None
-        """Is called with what is wrong with a file, after its last row."""
-        self.stopped = False
-        self.ended: str | None = None
-        """Why following ended, one line; None while it goes on."""
-        self._begin(reader)
+        self._chunks, self._changed_s = 0, time.monotonic()
 
     def stop(self) -> None:
         """Request the end of following; may be called in a signal handler."""
         self.stopped = True
 
-    def _begin(self, reader: Recording) -> None:
-        self.reader, self._seen = reader, 0
-        self._changed_s = time.monotonic()
-        self._waits_until_s: float | None = None
-        """Until when a next file is waited for."""
-        self._new: list[Gap] = beginning_of(reader)
+    def items(self, span: TimeRange | None, note: Note) -> Iterator[Item]:
+        """The items of the file and of the next ones of its capture, until following ends.
 
-    @property
-    def is_up_to_date(self) -> bool:
-        """Whether the file was read up to its present end."""
-        return self._seen == len(self.reader.contents.chunks)
-
-    def poll(self) -> list[Item]:
-        """What came since the last poll; empty if nothing did.
-
-        Raises FileError if the file was deleted, replaced or cut off, or nothing of it can be read.
+        First no rows, so that the caller knows that the file could be opened. `note` is called with
+        what is wrong with a file after its last row, and with why following ended. Raises FileError
+        if a file was deleted, replaced or cut off, or nothing of it can be read.
         """
-        if self.ended is not None:
-            return []
-        # Before `grow`: what was flushed before the lock was released is then complete.
-        has_writer = self.reader.has_writer
-        self._has_lock |= has_writer
-        self.reader.grow()
-        found = self._items()
-        if self.is_up_to_date and self._is_finished(has_writer):
-            if not has_writer:
-                self.reader.settle()
-                found += self._items()
-            if self.is_up_to_date and self.ended is None:
-                self._go_on()
-        return found
+        yield NO_ROWS
+        wanted, known = span or EVERYTHING, list[Gap]()
+        reader: Recording | None = self.reader
 
-    def _items(self) -> list[Item]:
-        """The items of the next chunks, and the gaps that the file reports anew."""
-        chunks, size = list[ChunkRef](), 0
-        for chunk in self.reader.contents.chunks[self._seen :]:
-            if chunks and size + chunk.size > MOST_BYTES:
-                break
-            chunks.append(chunk)
-            size += chunk.size
-        self._seen += len(chunks)
-        found: list[Item] = [*self._new]
-        self._new = []
-        if chunks:
-            self._changed_s = time.monotonic()
-            found += self.reader.read(chunks, self.span)
-        gaps = [gap for gap in self.reader.gaps() if gap not in self._gaps]
-        self._gaps += gaps
-        for event in found:
-            if isinstance(event, PortEvent):
-                if event.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
-                    self._open_ports.add(event.port)
-                elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
-                    self._open_ports.discard(event.port)
-        return found + gaps
+        def is_over() -> bool:
+            return self._is_over(wanted.end_ns)
 
-    def _is_finished(self, has_writer: bool) -> bool:
-        """Whether the file is complete, as far as can be known."""
+        try:
+            while reader is not None:
+                self.reader = reader
+                for item in grown(reader, is_over, known, POLL_S, wanted):
+                    self.is_up_to_date |= item is NO_ROWS
+                    if isinstance(item, PortEvent):
+                        self._observe(item)
+                    yield item
+                note_losses(reader, note)
+                if reader.nothing_read is not None:
+                    raise reader.nothing_read
+                reader = self._next()
+        except FileError as error:
+            self.ended = error.message
+            raise
+        if not self.stopped:
+            self.ended = self._end()
+            note(self.ended)
+
+    def _observe(self, event: PortEvent) -> None:
+        if event.kind in (PortEventKind.OPENED, PortEventKind.FOUND_AGAIN):
+            self._open_ports.add(event.port)
+        elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
+            self._open_ports.discard(event.port)
+
+    def _is_over(self, end_ns: int) -> bool:
+        """Whether the file is complete, as far as can be known, or nothing more of it is wanted."""
         reader, now_s = self.reader, time.monotonic()
-        if reader.times is not None and reader.times[1] >= self.span.end_ns:
-            self._end_file()
-            self.ended = TranslatableText("{path}: --to is reached", path=reader.path)
+        if len(reader.contents.chunks) != self._chunks:
+            self._chunks, self._changed_s = len(reader.contents.chunks), now_s
+        has_writer = reader.has_writer
+        self._has_lock |= has_writer
+        self.stopped |= reader.times is not None and reader.times[1] >= end_ns
+        if self.stopped:
             return True
-        is_over = self._goes_on is not None and not self._goes_on()
-        if has_writer or self._has_lock or is_over:
+        if has_writer or self._has_lock:
             return not has_writer
         return now_s >= self._changed_s + IDLE_S or reader.find_next() is not None
 
-    def _go_on(self) -> None:
-        """Begin the next file, wait for it, or state how the last one ended."""
-        path = self.reader.find_next()
-        if path is not None:
-            self._end_file()
-            self._begin(Recording(path, is_growing=True))
-            return
-        # A writer with open ports may begin the next file soon, for example after a disk error.
-        now_s = time.monotonic()
-        self._waits_until_s = self._waits_until_s or now_s + RELEASE_S
-        is_known = self._goes_on is not None and self._goes_on()
-        if is_known or (self._open_ports and now_s < self._waits_until_s):
-            return
-        self._end_file()
-        self.ended = self._end()
-
-    def _end_file(self) -> None:
-        note_losses(self.reader, self.note)
-        if self.reader.nothing_read is not None:
-            raise self.reader.nothing_read
+    def _next(self) -> Recording | None:
+        """The next file; a writer with open ports may begin one soon, as after a disk error."""
+        until_s = time.monotonic() + (RELEASE_S if self._open_ports else 0)
+        while not self.stopped:
+            if (path := self.reader.find_next()) is not None:
+                return Recording(path, is_growing=True)
+            if time.monotonic() >= until_s:
+                break
+            time.sleep(POLL_S)
+        return None
 
     def _end(self) -> TranslatableText:
         """Why following ended with a file that has no next one."""
@@ -168,25 +169,6 @@ class Follower:
 
 def followed(follower: Follower) -> Input:
     """A recording that another program writes; its rows come as they are flushed."""
-
-    def read(span: TimeRange | None, note: Note) -> Iterator[Item]:
-        """The items of the file and of the next ones of its capture, until following ends.
-
-        First no rows, so that the caller knows that the file could be opened.
-        """
-        yield NO_ROWS
-        follower.span, follower.note = span or EVERYTHING, note
-        try:
-            while not follower.stopped and follower.ended is None:
-                yield from (items := follower.poll())
-                if not items:
-                    time.sleep(POLL_S)
-        except FileError as error:
-            follower.ended = error.message
-            raise
-        if follower.ended is not None:
-            note(follower.ended)
-
     found = recording_input(follower.reader)
-    found.read, found.count = read, None
+    found.read, found.count = follower.items, None
     return found

@@ -108,6 +108,8 @@ class SniffApp(App[None]):
         self.failure: FteSniffError | None = None
         self._options = options
         self.view = View(feed, options.line_setup, options.alert)
+        self._is_stale = False
+        """Whether the table lacks rows that came while the terminal was slow."""
         self.view.set_filter(options.row_filter)
         self._compose_parts()
         self.typed = TypedKeys(self)
@@ -450,7 +452,7 @@ class SniffApp(App[None]):
     def _on_clock(self) -> None:
         if self._output is not None and self._output.is_gone:
             cast(Any, self._driver).hang_up()
-        if not self.view.at_rest or self._searched != self.view.store.known:
+        if not self.view.at_rest or self._is_stale or self._searched != self.view.store.known:
             self.tick()
         else:
             self.show_state()
@@ -474,10 +476,12 @@ class SniffApp(App[None]):
         for event in update.events if view.state.live else ():
             self.status.on_port_event(event, self.table.look.shown_zone)
         self._examine()
+        self._is_stale |= len(update.rows) > 0 or bool(update.events) or shown != view.shown.count
         if self._output is not None and self._output.is_slow:
             return  # the terminal has not yet drawn what was written
-        if len(update.rows) or update.events or shown != view.shown.count:
+        if self._is_stale:
             self._sync_table()
+            self._is_stale = False
         self.show_state()
 
     def _sync_table(self) -> None:

@@ -74,7 +74,7 @@ def test_a_capture_that_is_stuck_does_not_hold_up_the_end(run, environment, tmp_
         os.kill(capture, signal.SIGSTOP)
         process.send_signal(signal.SIGINT)
         code, _, errors = ended(process)
-    assert code == 3
+    assert code == 4
     assert "was killed" in errors
     assert "Traceback" not in errors
     assert run("decode", "x.mcap").returncode == 0
