@@ -18,11 +18,10 @@ from __future__ import annotations
 
 import os
 import struct
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, NamedTuple, Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 import zstandard
@@ -44,7 +43,7 @@ from mcap.records import (
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import FileError
-from fte_sniff.platform import cores, sync_data, write_at
+from fte_sniff.platform import sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
 from fte_sniff.recording.chunks import HEAD, MAGIC
@@ -97,26 +96,6 @@ def bytes_of(*records: McapRecord) -> bytes:
 
 END: Final = bytes_of(DataEnd(0), Footer(0, 0, 0)) + MAGIC
 """What a file ends with while it grows."""
-
-
-class ChunkMessages(NamedTuple):
-    """The messages of a chunk, in their order."""
-
-    data: bytes
-    """The records of the chunk: definitions, then messages."""
-    channels: Ints
-    times: Ints
-    """Log times, nanoseconds since 1970 UTC."""
-    starts: Ints
-    """Offsets of the message records in `data`."""
-
-
-def packed(messages: ChunkMessages) -> bytes:
-    """The record of a chunk; zstd and the checksum release the interpreter lock."""
-    data = messages.data
-    times = int(messages.times[-1]), int(messages.times[0])
-    compressed = zstandard.ZstdCompressor(level=1).compress(data)
-    return bytes_of(Chunk("zstd", compressed, *times, crc32(data), len(data)))
 
 
 class AppendFile:
@@ -188,7 +167,7 @@ class AppendFile:
 
 
 class Encoder:
-    """Rows and port events to the bytes of a recording."""
+    """Rows and port events to the bytes of a recording, in the order of the file."""
 
     def __init__(self, ports: Sequence[PortFacts], facts: Mapping[str, str]) -> None:
         """Take the ports whose rows will come, and further items for the file's metadata.
@@ -196,22 +175,20 @@ class Encoder:
         Of more than `MOST_PORTS`, each is defined with its first row or event.
         """
         ports = ports if len(ports) <= MOST_PORTS else []
-        self._ports = {port.name: number for number, port in enumerate(ports)}
+        self._ports: dict[str, int] = {}
         self._schemas = schemas()
-        self._defined = [
-            one for number, port in enumerate(ports) for one in channels_of(number, port)
-        ]
-        self._pending: list[Schema | Channel] = [*self._schemas, *self._defined]
+        self._defined: list[Channel] = []
+        self._pending: list[Schema | Channel] = [*self._schemas]
         """The schemas and channels that no chunk defines yet."""
+        for port in ports:
+            self._define(port)
         self._templates: dict[int, Template] = {}
         self._counts = Counter[int]()
         """Messages by channel."""
-        self._chunks = bytearray()
-        """The index records of the chunks."""
-        self._chunk_count = 0
+        self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
         self.times: tuple[int, int] | None = None
-        """The first and the last log time."""
+        """The first and the last log time, nanoseconds since 1970 UTC."""
         own = Metadata(PROGRAM, recording_facts(ports, facts))
         head = MAGIC + bytes_of(Header("", library_name()))
         self.head = head + self.metadata(own, len(head))
@@ -228,37 +205,30 @@ class Encoder:
         self._metadata.append(MetadataIndex(at, len(data), record.name))
         return data
 
-    def messages(self, entries: Iterable[Entry]) -> ChunkMessages:
-        """The messages of rows and events, one at least, for the next chunk of the file."""
+    def chunk(self, entries: Iterable[Entry], at: int) -> bytes:
+        """A chunk of rows and events, one at least, at an offset of the file.
+
+        Raises ValueError if a row has no time, and FileError if there are too many ports.
+        """
         entries = list(entries)
         rows = Rows.concat([one for one in entries if isinstance(one, Rows)])
         events = [one for one in entries if isinstance(one, PortEvent)]
         if (rows.t_ns < 0).any():
             raise ValueError("each row of a recording must have a time")
-        definitions = self._definitions(rows, events)
+        for name in (*rows.used_ports, *(event.port for event in events)):
+            self._define(PortFacts(name))
+        definitions, self._pending = bytes_of(*self._pending), []
         order, times = self._in_order(rows, events)
         channels = self._channels_of(rows, events)[order]
-        places = np.empty_like(order)
-        places[order] = np.arange(len(order))
-        groups = self._groups(rows, events, times[places])
-        data, starts = self._records(groups, places, times, channels)
-        self.times = (int(times[0]) if self.times is None else self.times[0]), int(times[-1])
-        return ChunkMessages(definitions + data, channels, times, starts + len(definitions))
-
-    def chunk(self, messages: ChunkMessages, record: bytes, at: int) -> bytes:
-        """A chunk at an offset of the file: its record, from `packed`, and its message indexes."""
-        entries = np.stack([messages.times, messages.starts], 1).astype("<u8")
-        indexes, offsets = bytearray(), dict[int, int]()
-        for own in groups_of(messages.channels.astype(np.uint16)):
-            channel, body = int(messages.channels[own[0]]), entries[own].tobytes()
-            offsets[channel] = at + len(record) + len(indexes)
-            indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body) + 6)
-            indexes += struct.pack("<HI", channel, len(body)) + body
-        size = len(record) - HEAD.size - 32 - len("zstd") - 8
-        last, first = int(messages.times[-1]), int(messages.times[0])
-        sizes = len(indexes), offsets, first, len(messages.data)
-        self._chunks += bytes_of(ChunkIndex(len(record), at, "zstd", size, last, *sizes))
-        self._chunk_count += 1
+        data, starts = self._records(rows, events, order, times, channels)
+        data, first, last = definitions + data, int(times[0]), int(times[-1])
+        self.times = (self.times[0] if self.times else first), last
+        packed = zstandard.ZstdCompressor(level=1).compress(data)
+        record = bytes_of(Chunk("zstd", packed, last, first, crc32(data), len(data)))
+        indexes, offsets = _message_indexes(channels, times, starts + len(definitions))
+        offsets = {channel: at + len(record) + offset for channel, offset in offsets.items()}
+        sizes = len(indexes), offsets, first, len(data)
+        self._chunks.append(ChunkIndex(len(record), at, "zstd", len(packed), last, *sizes))
         return record + indexes
 
     def summary(self, at: int) -> bytes:
@@ -271,7 +241,7 @@ class Encoder:
             attachment_count=0,
             channel_count=len(self._defined),
             channel_message_counts=self._counts,
-            chunk_count=self._chunk_count,
+            chunk_count=len(self._chunks),
             message_count=self._counts.total(),
             message_end_time=last,
             message_start_time=first,
@@ -279,25 +249,21 @@ class Encoder:
             schema_count=len(self._schemas),
         )
         definitions = bytes_of(*self._schemas, *self._defined)
-        summary = definitions + bytes_of(statistics) + self._chunks + bytes_of(*self._metadata)
+        summary = definitions + bytes_of(statistics, *self._chunks, *self._metadata)
         crc = crc32(struct.pack("<BQQQ", Opcode.FOOTER, 20, start, 0), crc32(summary))
         return data_end + summary + bytes_of(Footer(start, 0, crc)) + MAGIC
 
-    def _definitions(self, rows: Rows, events: Sequence[PortEvent]) -> bytes:
-        """The schemas and channels that no chunk has yet; raises FileError at too many ports."""
-        for port in [*rows.used_ports, *(event.port for event in events)]:
-            if port not in self._ports:
-                if len(self._ports) == MOST_PORTS:
-                    raise FileError(
-                        "a recording has at most {most:,} ports; decode some with --filter",
-                        most=MOST_PORTS,
-                    )
-                number = self._ports[port] = len(self._ports)
-                new = channels_of(number, PortFacts(port))
-                self._defined += new
-                self._pending += new
-        found, self._pending = bytes_of(*self._pending), []
-        return found
+    def _define(self, port: PortFacts) -> None:
+        """Give a port its channels, if it has none yet; raises FileError at too many ports."""
+        if port.name in self._ports:
+            return
+        if len(self._ports) == MOST_PORTS:
+            form = "a recording has at most {most:,} ports; decode some with --filter"
+            raise FileError(form, most=MOST_PORTS)
+        number = self._ports[port.name] = len(self._ports)
+        new = channels_of(number, port)
+        self._defined += new
+        self._pending += new
 
     def _in_order(self, rows: Rows, events: Sequence[PortEvent]) -> tuple[Ints, Ints]:
         """The entries (rows, then events) in the order of time, and their log times."""
@@ -334,9 +300,12 @@ class Encoder:
         return found
 
     def _records(
-        self, messages: list[tuple[Ints, Array]], places: Ints, times: Ints, channels: Ints
+        self, rows: Rows, events: Sequence[PortEvent], order: Ints, times: Ints, channels: Ints
     ) -> tuple[bytes, Ints]:
-        """The message records in their order, from the place of each entry; and their starts."""
+        """The message records in their order, and their starts."""
+        places = np.empty_like(order)
+        places[order] = np.arange(len(order))
+        messages = self._groups(rows, events, times[places])
         lengths = np.empty(len(times), np.int64)
         for own, values in messages:
             lengths[places[own]] = MESSAGE_HEAD + values.itemsize
@@ -355,6 +324,19 @@ class Encoder:
         for own, values in messages:
             at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values
         return data.tobytes(), starts
+
+
+def _message_indexes(channels: Ints, times: Ints, starts: Ints) -> tuple[bytes, dict[int, int]]:
+    """The index of the messages of each channel, and where it begins among them."""
+    entries = np.empty((len(times), 2), "<u8")
+    entries[:, 0], entries[:, 1] = times, starts
+    indexes, offsets = bytearray(), dict[int, int]()
+    for own in groups_of(channels.astype(np.uint16)):
+        channel, body = int(channels[own[0]]), entries[own].tobytes()
+        offsets[channel] = len(indexes)
+        indexes += HEAD.pack(Opcode.MESSAGE_INDEX, len(body) + 6)
+        indexes += struct.pack("<HI", channel, len(body)) + body
+    return bytes(indexes), offsets
 
 
 def _keys_of(rows: Rows, log_times: Ints) -> Ints:
@@ -432,8 +414,7 @@ class RecordingWriter:
         With `waits`, the disk has it then, and all that came before.
         """
         if self.unflushed:
-            messages = self._encoder.messages(self.unflushed)
-            chunk = self._encoder.chunk(messages, packed(messages), self._file.end)
+            chunk = self._encoder.chunk(self.unflushed, self._file.end)
             self._append(chunk, waits=waits)
             self.flushed_rows += row_count(self.unflushed)
             self.unflushed = []
@@ -484,10 +465,7 @@ class RecordingWriter:
 
 
 class BulkWriter:
-    """Writes a recording in sequence, for example to a pipe: valid once it is closed.
-
-    Threads pack chunks while the next ones are encoded.
-    """
+    """Writes a recording in sequence, for example to a pipe: valid once it is closed."""
 
     def __init__(
         self, descriptor: int, ports: Sequence[PortFacts], facts: Mapping[str, str] | None = None
@@ -495,8 +473,6 @@ class BulkWriter:
         """Write the head to an open descriptor, which is not closed; raises OSError."""
         self._descriptor, self._encoder = descriptor, Encoder(ports, facts or {})
         self._pending: list[Entry] = []
-        self._jobs: deque[tuple[ChunkMessages, Future[bytes]]] = deque()
-        self._threads = ThreadPoolExecutor(cores())
         self._size = 0
         self._append(self._encoder.head)
 
@@ -508,26 +484,17 @@ class BulkWriter:
                 self.flush()
 
     def flush(self) -> None:
-        """Pack a chunk of all that is pending, and write those that are packed; raises OSError."""
+        """Write a chunk of all that is pending; raises OSError."""
         if self._pending:
-            messages = self._encoder.messages(self._pending)
-            self._jobs.append((messages, self._threads.submit(packed, messages)))
+            self._append(self._encoder.chunk(self._pending, self._size))
             self._pending = []
-        self._write_chunks(cores())
 
     def close(self, metadata: Iterable[Metadata] = ()) -> None:
         """Write the rest, these metadata records, and the summary; raises OSError."""
         self.flush()
-        self._write_chunks(0)
         for record in metadata:
             self._append(self._encoder.metadata(record, self._size))
         self._append(self._encoder.summary(self._size))
-        self._threads.shutdown()
-
-    def _write_chunks(self, left: int) -> None:
-        while len(self._jobs) > left:
-            messages, job = self._jobs.popleft()
-            self._append(self._encoder.chunk(messages, job.result(), self._size))
 
     def _append(self, data: bytes) -> None:
         self._size += len(data)
