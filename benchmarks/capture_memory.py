@@ -21,7 +21,7 @@ from benchmarks.live_program import taken
 from benchmarks.paced_line import frames_of
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.capture.source import Item, SourceEnd
+from fte_sniff.capture.source import Item
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.session.control import CapturePlan
 from fte_sniff.session.live_session import LiveSession
@@ -36,10 +36,10 @@ _CHUNK_NS = 1_000_000
 class FlatOut:
     """A source of both wires that always has the next frames ready."""
 
-    end: SourceEnd | None = None
+    is_over = False
+    lost = None
     device = None
     uncertainty_ns: Mapping[str, int] = dict.fromkeys(WIRES, 1_000_000)
-    capabilities: Mapping[str, str] = dict.fromkeys(WIRES, "")
 
     def __init__(self, rows: int, start_ns: int) -> None:
         self._rows = rows
@@ -58,7 +58,7 @@ class FlatOut:
                 yield Chunk(wire, t_ns, b"".join(cycle[start : start + A_CHUNK]))
             if self._stopping:
                 break
-        self.end = SourceEnd.STOPPED
+        self.is_over = True
         for wire in WIRES:
             yield PortEvent(t_ns, wire, PortEventKind.CLOSED, "")
 

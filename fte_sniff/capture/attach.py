@@ -132,38 +132,34 @@ class Attachment:
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
         reconnect = self.reconnect and self.pid is None
-        notes = iter([LIMITS])  # reported once, however often it is attached again
-        return Source([partial(connect_strace, self, clock, notes)], clock, reconnect=reconnect)
+        source = Source([partial(connect_strace, self, clock)], clock, reconnect=reconnect)
+        source.note(PortEventKind.WIRING, LIMITS)
+        return source
 
 
-def connect_strace(
-    wanted: Attachment, clock: Clock, notes: Iterator[TranslatableText]
-) -> Connection:
+def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
     """Start to watch; raises as `Attachment.open`."""
-    strace = Strace(wanted, clock, notes)
-    attached = TranslatableText("attached: {holders}", holders=holders_text(strace.holders))
+    strace = Strace(wanted, clock)
     return Connection(
         names=wanted.names,
-        detail=attached,
+        detail=TranslatableText("attached: {holders}", holders=holders_text(strace.holders)),
         readers=(strace.items,),
         close=strace.close,
         place=listed(strace.holders),
-        awaited=TranslatableText("waiting for a program that opens it"),
         # What is known is the order of the system calls.
         uncertainty_ns=dict.fromkeys(wanted.names, 0),
-        capabilities=TranslatableText("{attached}; {limits}", attached=attached, limits=LIMITS),
     )
 
 
 class Strace:
     """A running strace, whose lines are chunks of both wires; they come from its standard error."""
 
-    def __init__(self, wanted: Attachment, clock: Clock, notes: Iterator[TranslatableText]) -> None:
-        """Watch the programs that have the port open; `notes` are reported first.
+    def __init__(self, wanted: Attachment, clock: Clock) -> None:
+        """Watch the programs that have the port open.
 
         Raises PortError, with the fix, if there are none or strace cannot watch them.
         """
-        self._names, self._clock, self._notes = wanted.names, clock, notes
+        self._names, self._clock = wanted.names, clock
         self.holders = _holders(wanted)
         self._look_s = 0.0
         self._watch(os.path.realpath(wanted.port))
@@ -186,9 +182,6 @@ class Strace:
 
         Raises EOFError when the target has ended, OSError when strace was ended.
         """
-        for note in self._notes:
-            # At time 0: not after the calls that have come, but with the event `opened`.
-            yield PortEvent(0, self._names[0], PortEventKind.WIRING, note)
         before_ns = self._clock.now_ns()
         data = self._read()
         if data is None:

@@ -108,16 +108,16 @@ def connect_bridge(wanted: Bridge, lasting: LastingPort, clock: Clock) -> Connec
     return Connection(
         names=wanted.names,
         detail=TranslatableText(
-            "a host program can open {name}; {settings}",
+            "a host program can open {name}; {settings}; {low}",
             name=host.name,
             settings=str(wanted.settings),
+            low=request_low_latency(port),
         ),
         readers=(forwarder.feedback, forwarder.control),
         close=close,
         device=host.name,
         comes_back=lasting.comes_back,
         uncertainty_ns={wanted.port: max_latency_ns(port), HOST: 0},
-        capabilities=str(request_low_latency(port)),
     )
 
 

@@ -74,21 +74,22 @@ def connect_port(
         port.close()
         return errors.report(clock.now_ns(), at_end=True)
 
-    capabilities = TranslatableText("{low}; {line}", low=low_latency, line=errors.description)
     readers: list[Reader] = [received]
     if device is not None:
         readers.append(partial(next, holders_coming(name, device, clock)))
     return Connection(
         names=(name,),
         detail=TranslatableText(
-            "{settings}; {granted}", settings=str(settings), granted=capabilities
+            "{settings}; {low}; {line}",
+            settings=str(settings),
+            low=low_latency,
+            line=errors.description,
         ),
         readers=readers,
         close=close,
         place=None if device is None else os.path.realpath(device),
         comes_back=lasting.comes_back,
         uncertainty_ns={name: max_latency_ns(port)},
-        capabilities=capabilities,
     )
 
 

@@ -3,7 +3,7 @@
     reader thread:  read -> stamp -> (forward) -> queue -> consumer: for item in source
 
     connected -> read -> stopped: closed
-                      -> lost:    connect again, then read on
+                      -> lost:    away, until it is connected again
 
 A connection is what is lost as a whole: a port; a port and the pseudo-terminal of a host program; a
 traced program. What differs between them is how they connect, and what a reader returns.
@@ -16,10 +16,8 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from dataclasses import dataclass, field
 from math import inf
 from typing import Final, Protocol, Self, TypeAlias
 
@@ -54,12 +52,8 @@ class Connection:
     """What is read: the device file, or the programs that are watched; None for a URL."""
     comes_back: bool = True
     """Whether it can be found again after a loss."""
-    awaited: str = TranslatableText("waiting for it to come back")
-    """What follows after a loss."""
     uncertainty_ns: Mapping[str, int] = field(default_factory=dict)
     """By wire: how much earlier than their time stamp bytes may have been on the wire."""
-    capabilities: str = ""
-    """What the driver supports, as text for users."""
 
 
 Connect: TypeAlias = Callable[[], Connection]
@@ -84,13 +78,6 @@ class Wiring(Protocol):
         """
 
 
-class SourceEnd(StrEnum):
-    """How a source ended."""
-
-    STOPPED = "stopped"
-    LOST = "lost"
-
-
 AS_ASKED: Final = TranslatableText("as asked")
 """The detail of a port that was closed on request."""
 
@@ -104,7 +91,7 @@ FIRST_WAIT_S: Final = 0.25
 LONGEST_WAIT_S: Final = 1.0
 _REPORTED_REFUSAL: Final = 2
 """The refused attempt that is reported; at the first, udev may just not be finished."""
-_SILENCE_S: Final = 0.05
+_TICK_S: Final = 0.05
 """Time between empty chunks while a lost port is awaited."""
 _HELD_UP_NS: Final = 250_000_000
 """Time between two reads that shows that the reader did not run: it waits much shorter."""
@@ -115,9 +102,9 @@ _GATHER_S: Final = 0.01
 class Source:
     """Open connections as one iterable of chunks and events, those of each wire in order.
 
-    The first item of each connection is the event `opened`. A silent wire yields empty chunks
-    several times a second. Where an event `lost` or `overrun` is, bytes are missing. Entering the
-    source starts its threads; iterate once.
+    The first item of each connection is the event `opened`. A wire that is silent or away yields
+    empty chunks several times a second. Where an event `lost` or `overrun` is, bytes are missing.
+    Entering the source starts its threads; iterate once.
     """
 
     def __init__(self, connects: Sequence[Connect], clock: Clock, *, reconnect: bool) -> None:
@@ -126,17 +113,14 @@ class Source:
         Raises PortError or FileError, with nothing open, if one fails.
         """
         self._clock, self._reconnect = clock, reconnect
-        self.end: SourceEnd | None = None
-        """Why reading ended, although items may still be queued; None while it continues."""
-        self._loss: SourceEnd | None = None
+        self.lost: PortEvent | None = None
+        """The latest loss for good; None where all ended as asked, or with their programs."""
         self._stop_at_ns = inf
         self._put_bytes = self._taken_bytes = 0
         self._dropped: Counter[str] = Counter()
-        self._last_ns: Counter[str] = Counter()
-        """By wire: no later item has an earlier time."""
-        self._items: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._opened_ns = clock.now_ns()  # before the first byte that is seen
+        self._opened_ns = self._tick_ns = clock.now_ns()  # before the first byte that is seen
         opened = list[Connection]()
         try:
             opened.extend(connect() for connect in connects)
@@ -144,12 +128,12 @@ class Source:
             for connection in opened:
                 tuple(connection.close())
             raise
-        self.device = opened[0].device
-        self.uncertainty_ns = {
-            name: ns for one in opened for name, ns in one.uncertainty_ns.items()
-        }
-        self.capabilities = {name: one.capabilities for one in opened for name in one.names}
-        self._running = len(opened)
+        self.connections = opened
+        """Those of the start."""
+        self._open = self._unfinished = len(opened)
+        """Connections that are open, and those that are open or awaited."""
+        self._away = set[str]()
+        """The wires of those that are not open."""
         self._threads = [
             threading.Thread(target=self._run, args=(connect, connection), daemon=True)
             for connect, connection in zip(connects, opened, strict=True)
@@ -166,14 +150,39 @@ class Source:
 
     def __iter__(self) -> Iterator[Item]:
         with self:
-            while (item := self._next()) is not None:
-                yield item
-            self._items.put(None)  # a later iteration also ends at once
+            while True:
+                is_over = self.is_over  # first: what is put before the end is still yielded
+                if self._items.empty() and not is_over:
+                    time.sleep(_GATHER_S)
+                self._tick()
+                with suppress(queue.Empty):
+                    item = self._items.get(timeout=0 if is_over else _TICK_S)
+                    if isinstance(item, Chunk):
+                        self._taken_bytes += len(item.data)
+                    yield item
+                    continue
+                if is_over:
+                    return
+
+    @property
+    def device(self) -> str | None:
+        """The device that host programs open; None for all but a bridge."""
+        return self.connections[0].device
+
+    @property
+    def uncertainty_ns(self) -> dict[str, int]:
+        """By wire: how much earlier than their time stamp bytes may have been on the wire."""
+        return {name: ns for one in self.connections for name, ns in one.uncertainty_ns.items()}
 
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
         return self._put_bytes - self._taken_bytes
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no more bytes are read, although items may still be queued."""
+        return self._is_due() and not self._open
 
     def stop(self) -> None:
         """Request the end: items that have arrived are still yielded, then iteration ends.
@@ -186,25 +195,28 @@ class Source:
         """Request the end at a time of the chunks' clock; returns at once."""
         self._stop_at_ns = min(self._stop_at_ns, t_ns)
 
+    def note(self, kind: PortEventKind, detail: str) -> None:
+        """Put an event of the first wire, from before its first byte."""
+        self._put(PortEvent(self._opened_ns, self.connections[0].names[0], kind, detail))
+
     def close(self) -> None:
-        """Stop, wait for the threads, and close the ports; items that wait can be iterated."""
+        """Stop, and wait until the ports are closed; items that wait can be iterated."""
         self.stop()
         self.__enter__()  # a thread that never ran closes its connection
-        for thread in self._threads:
-            thread.join()
-
-    def _next(self) -> Item | None:
-        if self._items.empty():
+        while self._open:
             time.sleep(_GATHER_S)
-        item = self._items.get()
-        if isinstance(item, Chunk):
-            self._taken_bytes += len(item.data)
-        return item
+
+    def _tick(self) -> None:
+        """Put empty chunks for the wires that are away, so that no other wire waits for them."""
+        now_ns = self._clock.now_ns()
+        if self._away and now_ns >= self._tick_ns:
+            self._tick_ns = now_ns + round(_TICK_S * 1e9)
+            for name in tuple(self._away):
+                self._put(Chunk(name, now_ns, b""))
 
     def _put(self, item: Item) -> None:
         """Append an item; a chunk without room is dropped, and its bytes are counted."""
         with self._lock:
-            item = self._in_order(item)
             if isinstance(item, Chunk):
                 size = len(item.data)
                 if self.waiting + _ITEM_COST * self._items.qsize() > CAPACITY:
@@ -215,115 +227,97 @@ class Source:
                 self._items.put(self._overrun(item.port, count))
             self._items.put(item)
 
-    def _in_order(self, item: Item) -> Item:
-        t_ns, last_ns = item.t_ns or 0, self._last_ns[item.port]
-        if t_ns >= last_ns:
-            self._last_ns[item.port] = t_ns
-            return item
-        if isinstance(item, Chunk):
-            return item._replace(t_ns=last_ns)
-        return replace(item, t_ns=last_ns)
-
     def _overrun(self, port: str, count: int) -> PortEvent:
         detail = TranslatableText(
             "{count} bytes were lost: they arrived faster than they were processed", count=count
         )
         return PortEvent(self._clock.now_ns(), port, PortEventKind.OVERRUN, detail, count)
 
-    def _put_event(self, connection: Connection, kind: PortEventKind, detail: str) -> None:
-        self._put(PortEvent(self._clock.now_ns(), connection.names[0], kind, detail))
+    def _put_event(self, connection: Connection, kind: PortEventKind, detail: str) -> PortEvent:
+        event = PortEvent(self._clock.now_ns(), connection.names[0], kind, detail)
+        self._put(event)
+        return event
 
     def _is_due(self) -> bool:
         return self._clock.now_ns() >= self._stop_at_ns
 
     # The thread of a connection
 
-    def _run(self, connect: Connect, connection: Connection) -> None:
-        name, kind = connection.names[0], PortEventKind.OPENED
-        self._put(PortEvent(self._opened_ns, name, kind, connection.detail))
-        try:
-            self._read_until_end(connect, connection)
-        finally:
-            with self._lock:
-                self._running -= 1
-                is_last = not self._running
-            if is_last:
-                self.end = self._loss or SourceEnd.STOPPED
-                self._items.put(None)
-
-    def _read_until_end(self, connect: Connect, connection: Connection) -> None:
-        taken = self._put_bytes
-        while (error := self._read_until_lost(connection)) is not None:
-            # A port that came back without any byte is likely to go again: it is asked slowly.
-            wait_s = FIRST_WAIT_S if self._put_bytes > taken else LONGEST_WAIT_S
-            text, lost_ns = one_line(error), self._clock.now_ns()
-            if not (self._reconnect and connection.comes_back):
-                # A program that is over is not an error.
-                is_over = isinstance(error, EOFError)
-                self._lose(connection, text, SourceEnd.STOPPED if is_over else SourceEnd.LOST)
-                return
-            awaited = TranslatableText("{error}; {awaited}", error=text, awaited=connection.awaited)
-            self._put_event(connection, PortEventKind.LOST, awaited)
-            try:
-                again = self._connect_again(connect, connection, wait_s)
-            except FteSniffError as refused:
-                self._lose(connection, refused.message, SourceEnd.LOST)
-                return
-            if again is None:
-                break
-            self._put_event(connection, PortEventKind.FOUND_AGAIN, self._found(again, lost_ns))
-            connection, taken = again, self._put_bytes
-        self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
-
-    def _lose(self, connection: Connection, text: str, end: SourceEnd) -> None:
-        """Lose a connection for good; the others go on, unless the first loss is to end all."""
-        self._loss = end
-        self._put_event(connection, PortEventKind.LOST, text)
-        if not self._reconnect:
+    def _run(self, connect: Connect, first: Connection) -> None:
+        opened = PortEventKind.OPENED
+        self._put(PortEvent(self._opened_ns, first.names[0], opened, first.detail))
+        connection: Connection | None = first
+        while connection is not None:
+            connection = self._next_connection(connect, connection)
+        self._unfinished -= 1
+        if not (self._reconnect and self._unfinished):  # without, the first loss ends all
             self.stop()
 
-    def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
-        after = TranslatableText(
-            "after {seconds:.1f} s", seconds=(self._clock.now_ns() - lost_ns) / 1e9
-        )
-        if again.place in (None, again.names[0]):
-            return after
-        return TranslatableText("{after} as {port}", after=after, port=again.place)
+    def _next_connection(self, connect: Connect, connection: Connection) -> Connection | None:
+        """Read until the end, or a loss; returns what was connected again then, None at the end."""
+        put_bytes = self._put_bytes
+        error = self._read_until_lost(connection)
+        is_awaited = error is not None and self._reconnect and connection.comes_back
+        if error is None:
+            self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
+        elif is_awaited:
+            detail = TranslatableText("{error}; waiting for it to come back", error=one_line(error))
+            self._put_event(connection, PortEventKind.LOST, detail)
+        else:
+            self._lose(connection, one_line(error), is_error=not isinstance(error, EOFError))
+        with self._lock:
+            self._open -= 1
+            self._away |= {*connection.names}
+        # A port that came back without any byte is likely to go again: it is asked slowly.
+        wait_s = FIRST_WAIT_S if self._put_bytes > put_bytes else LONGEST_WAIT_S
+        return self._connected_again(connect, connection, wait_s) if is_awaited else None
 
-    def _connect_again(
-        self, connect: Connect, before: Connection, first_wait_s: float
+    def _lose(self, connection: Connection, why: str, *, is_error: bool = True) -> None:
+        """Report a loss for good; a program that is over is not an error."""
+        event = self._put_event(connection, PortEventKind.LOST, why)
+        if is_error:
+            self.lost = event
+
+    def _connected_again(
+        self, connect: Connect, before: Connection, wait_s: float
     ) -> Connection | None:
-        """Connect in another thread, since that may take seconds; None if the end comes first.
+        """Try until a connection can be made; None if the end comes first, or it never can.
 
-        Raises FteSniffError if it can never connect.
+        An attempt may take seconds; the end does not wait for it.
         """
-        found = Future[Connection]()
-        arguments = connect, before, first_wait_s, found
-        threading.Thread(target=self._attempt, args=arguments, daemon=True).start()
+        lost_ns, refusals = self._clock.now_ns(), 0
         while not self._is_due():
-            for name in before.names:
-                self._put(Chunk(name, self._clock.now_ns(), b""))
-            with suppress(TimeoutError):
-                return found.result(_SILENCE_S)
-        found.add_done_callback(_close_late)
-        return None
-
-    def _attempt(
-        self, connect: Connect, before: Connection, wait_s: float, found: Future[Connection]
-    ) -> None:
-        refusals = 0
-        while not (found.done() or self._is_due()):
             time.sleep(wait_s)
             wait_s = min(2 * wait_s, LONGEST_WAIT_S)
             try:
-                found.set_result(connect())
-            except PortError as error:
-                refusals += isinstance(error, RefusedError)
-                if isinstance(error, RefusedError) and refusals == _REPORTED_REFUSAL:
+                again = connect()
+            except RefusedError as error:
+                refusals += 1
+                if refusals == _REPORTED_REFUSAL:
                     detail = TranslatableText("it is back, but {why}", why=error.message)
                     self._put_event(before, PortEventKind.NOT_OPENED, detail)
+            except PortError:
+                continue
             except FteSniffError as error:
-                found.set_exception(error)
+                self._lose(before, error.message)
+                break
+            else:
+                if self._is_due():
+                    tuple(again.close())
+                    break
+                with self._lock:
+                    self._open += 1
+                    self._away -= {*again.names}
+                self._put_event(again, PortEventKind.FOUND_AGAIN, self._found(again, lost_ns))
+                return again
+        return None
+
+    def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
+        seconds = (self._clock.now_ns() - lost_ns) / 1e9
+        after = TranslatableText("after {seconds:.1f} s", seconds=seconds)
+        if again.place in (None, again.names[0]):
+            return after
+        return TranslatableText("{after} as {port}", after=after, port=again.place)
 
     def _read_until_lost(self, connection: Connection) -> BaseException | None:
         """Read all wires until the end is due (returns None) or one is lost (returns the error)."""
@@ -342,31 +336,26 @@ class Source:
         return errors[0] if errors else None
 
     def _read(self, reader: Reader, errors: list[BaseException]) -> None:
-        read_ns, unseen, last = self._clock.now_ns(), False, False
-        while not last:
+        began_ns, is_last = self._clock.now_ns(), False
+        while not is_last:
+            before_ns, began_ns = began_ns, self._clock.now_ns()
             # Checked before the read, so that bytes that arrived before the end are still read.
-            last = read_ns >= self._stop_at_ns or bool(errors)
-            items = list[Item]()
+            is_last = began_ns >= self._stop_at_ns or bool(errors)
             try:
-                items.extend(reader())  # what came before an error stays
+                for item in reader():  # what came before an error stays
+                    self._put(_dated(item, before_ns, began_ns))
             except (OSError, EOFError) as error:
                 errors.append(error)
-                last = True
-            before_ns, read_ns = read_ns, self._clock.now_ns()
-            held_up = read_ns - before_ns > _HELD_UP_NS
-            for item in items:
-                if isinstance(item, Chunk):
-                    if item.data:
-                        item = item._replace(is_late=True) if held_up or unseen else item
-                        unseen = False
-                    elif held_up and not last:
-                        # Bytes may have arrived since it was read: the next ones may be late.
-                        unseen = True
-                        continue
-                self._put(item)
+                is_last = True
 
 
-def _close_late(found: Future[Connection]) -> None:
-    """Close a connection that came after the end."""
-    if found.exception() is None:
-        tuple(found.result().close())
+def _dated(item: Item, before_ns: int, began_ns: int) -> Item:
+    """An item of a read that began at a time, after one that began `before_ns`.
+
+    If the reader was held up, its bytes may be late. Silence is certain only up to the read.
+    """
+    if not isinstance(item, Chunk) or item.t_ns is None:
+        return item
+    if not item.data:
+        return item._replace(t_ns=began_ns) if item.t_ns > began_ns else item
+    return item._replace(is_late=True) if item.t_ns - before_ns > _HELD_UP_NS else item

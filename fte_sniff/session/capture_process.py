@@ -26,7 +26,7 @@ import numpy as np
 
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.silence import SilenceWatch
-from fte_sniff.capture.source import Source, SourceEnd
+from fte_sniff.capture.source import Source
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.platform import HANG_UP
 from fte_sniff.protocol.framer import Framer
@@ -56,9 +56,9 @@ chance."""
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events that break the byte stream."""
 
-DRAIN_EVERY_NS = 40_000_000
-"""Time of the line between two batches of rows: a batch takes as long as many rows. A recording is
-flushed after a batch, or when a chunk is full."""
+DRAIN_EVERY_NS = {True: 40_000_000, False: 250_000_000}
+"""Time of the line between two batches of rows, by whether a view shows them: a batch takes as long
+as many rows. A recording is flushed after a batch, or when a chunk is full."""
 
 MOST_UNDRAINED = 2**18
 """Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""
@@ -135,7 +135,6 @@ class CaptureLoop:
         self._rows = self._turns = 0
         self._is_ending = self._is_mixed = False
         self._now_ns = self._drain_ns = self._undrained = 0
-        self._lost: PortEvent | None = None
         self._writing_since_s: float | None = None
         """When the write under way began."""
         self.shows_rows = plan.shows_rows
@@ -160,8 +159,8 @@ class CaptureLoop:
         self._emit(final=True)
         with self._writing():
             self._recorder.close()
-        self._error, lost = self._recorder.failure, self._lost
-        if lost is not None and self._source.end is SourceEnd.LOST and self._remaining != 0:
+        self._error, lost = self._recorder.failure, self._source.lost
+        if lost is not None and self._remaining != 0:
             reason = TranslatableText("{port} was lost: {why}", port=lost.port, why=lost.detail)
             self._reason = reason
             self._error = self._error or PortError("{reason}; check cable and power", reason=reason)
@@ -185,7 +184,7 @@ class CaptureLoop:
             recorder.unflushed_rows,
             self._source.waiting,
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
-            self._is_ending or self._source.end is not None,
+            self._is_ending or self._source.is_over,
             recorder.size,
             self._turns,
         )
@@ -198,7 +197,7 @@ class CaptureLoop:
         self._now_ns = max(self._now_ns, now_ns)
         self._undrained += len(chunk.data)
         if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
-            self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS, 0
+            self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS[self.shows_rows], 0
             for port in self._wires:
                 self._drain(port)
             self._emit()
@@ -249,8 +248,6 @@ class CaptureLoop:
         self._drain(event.port)  # rows before the event keep their places and times
         if is_break:
             wire.framer.finish()
-        if event.kind is PortEventKind.LOST:
-            self._lost = event
         if event.kind in (PortEventKind.LOST, PortEventKind.CLOSED):
             wire.silence.lost()
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
@@ -364,6 +361,5 @@ def _recorder(plan: CapturePlan, clock: Clock, source: Source) -> Recorder:
     facts["settings"] = str(plan.wiring.settings)
     for number, name in enumerate(plan.wiring.names, 1):
         facts[f"port.{number}.time_uncertainty_ns"] = str(source.uncertainty_ns[name])
-        facts[f"port.{number}.granted"] = source.capabilities[name]
     options = plan.recording_options
     return Recorder(plan.recording, ports, facts, existing=plan.existing, options=options)

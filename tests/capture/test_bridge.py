@@ -18,7 +18,6 @@ import serial
 from fte_sniff.capture.bridge import DRIVER_BUFFER_BYTES, HOST, Bridge, HostEnd, open_simulated
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import SimulationParameters
-from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
@@ -73,7 +72,7 @@ def test_every_byte_is_forwarded_both_ways_and_kept_as_two_wires(bridged, pty) -
     assert bridged.data(HOST) == there
     assert bridged.data(pty.device) == back
     assert bridged.kinds(pty.device) == ["opened", "closed"]
-    assert bridged.source.end is SourceEnd.STOPPED
+    assert bridged.source.lost is None
 
 
 def test_controller_gets_only_what_the_host_program_writes(bridged, pty) -> None:
@@ -153,7 +152,7 @@ def test_port_that_accepts_nothing_holds_up_only_the_host_program(bridged, pty) 
         pty.send(b"still received")
         assert host.read(14) == b"still received"
         bridged.end()
-    assert bridged.source.end is SourceEnd.STOPPED
+    assert bridged.source.lost is None
     (event,) = [one for one in bridged.events(HOST) if one.kind == "not_passed_on"]
     assert event.count > 0
     line = b""
@@ -253,7 +252,7 @@ def test_link_that_was_taken_meanwhile_ends_the_bridge(new_pty, adapter) -> None
     adapter.plug(second)
     seen.ended()
     assert seen.kinds(adapter.name) == ["opened", "lost", "lost"]
-    assert seen.source.end is SourceEnd.LOST
+    assert seen.source.lost is not None
     assert adapter.link.read_text() == "mine"
 
 

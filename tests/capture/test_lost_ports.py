@@ -6,7 +6,6 @@ import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
 from fte_sniff.capture.lasting_name import lasting_name
-from fte_sniff.capture.source import SourceEnd
 from tests.beside import held
 from tests.capture.seen import Adapter, Seen, opened
 
@@ -35,7 +34,7 @@ def test_adapter_is_found_ten_times_under_another_name(new_pty, adapter) -> None
     assert seen.data() == b"0123456789"
     assert seen.times(adapter.name) == sorted(seen.times(adapter.name))
     assert seen.kinds() == ["opened", *["lost", "found_again"] * 10, "closed"]
-    assert seen.source.end is SourceEnd.STOPPED
+    assert seen.source.lost is None
 
 
 def test_number_of_a_pseudo_terminal_is_not_evidence(new_pty, adapter) -> None:
@@ -95,7 +94,7 @@ def test_port_that_cannot_come_back_ends_the_capture(pty, name: str) -> None:
     pty.unplug()
     seen.ended()
     assert seen.kinds() == ["opened", "lost"]
-    assert seen.source.end is SourceEnd.LOST
+    assert seen.source.lost is not None
 
 
 @pytest.mark.parametrize("reconnect", [True, False])
@@ -111,7 +110,7 @@ def test_loss_of_one_wire_costs_no_byte_of_the_other(new_pty, reconnect: bool) -
         second.unplug()
     seen.ended()
     assert seen.kinds(second.device) == ["opened", "lost" if reconnect else "closed"]
-    assert seen.source.end is SourceEnd.LOST
+    assert seen.source.lost is not None
 
 
 # The name by which an adapter is found again

@@ -9,7 +9,6 @@ import serial
 
 from fte_sniff.capture.bridge import Bridge
 from fte_sniff.capture.serial_port import PortSettings, open_port
-from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError
 from tests.beside import Work, server_socket
 from tests.capture.seen import CLOCK, Seen, opened
@@ -37,7 +36,7 @@ def test_every_byte_of_the_far_line_arrives(server, pty):
         Work(pty.send, sent)
         seen.wait(lambda s: len(s.data()) == len(sent))
     assert seen.data() == sent
-    assert seen.source.end is SourceEnd.STOPPED
+    assert seen.source.lost is None
     assert server.data == b""
 
 

@@ -13,7 +13,6 @@ import pytest
 from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
-from fte_sniff.capture.source import SourceEnd
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol.items import Chunk
 from tests.beside import Work, held, running, server_socket
@@ -28,7 +27,7 @@ def test_all_that_comes_is_yielded_in_order_and_nothing_is_written(pty) -> None:
     assert seen.data() == sent
     assert seen.kinds() == ["opened", "closed"]
     assert {item.port for item in seen.items} == {pty.device}
-    assert seen.source.end is SourceEnd.STOPPED
+    assert seen.source.lost is None
     assert pty.arrived() == b""
 
 
@@ -85,7 +84,7 @@ def test_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty) -> None:
         while source.waiting < 7:
             pass
         source.stop_at(CLOCK.now_ns())
-        while source.end is None:
+        while not source.is_over:
             pass
     assert source.waiting == 7
     assert [one.data for one in source if isinstance(one, Chunk) and one.data] == [b"in time"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from fte_sniff.capture import source as module
-from fte_sniff.capture.source import Connection, Item, Source, SourceEnd
+from fte_sniff.capture.source import Connection, Item, Source
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from tests.capture.seen import CLOCK, Seen
@@ -60,7 +60,7 @@ def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
     assert seen.data() == b"onetwothreerest"
     assert seen.kinds() == ["opened", "closed"]
     assert seen.times("a") == sorted(seen.times("a"))
-    assert seen.source.end is SourceEnd.STOPPED
+    assert seen.source.lost is None
     assert line.closed == 1
     assert list(seen.source) == []
 
@@ -83,7 +83,7 @@ def test_watched_program_that_ends_is_not_an_error(line: Line) -> None:
     seen = Seen(source_of(line))
     seen.ended()
     assert seen.events()[-1].detail == "it ended"
-    assert seen.source.end is SourceEnd.STOPPED
+    assert seen.source.lost is None
 
 
 def test_lost_connection_is_found_again_and_time_goes_on(line: Line) -> None:
@@ -130,7 +130,7 @@ def test_file_error_loses_the_connection_for_good(line: Line) -> None:
     seen = Seen(source)
     seen.ended()
     assert seen.kinds() == ["opened", "lost", "lost"]
-    assert seen.source.end is SourceEnd.LOST
+    assert seen.source.lost is not None
 
 
 def test_attempt_that_hangs_does_not_hold_up_the_end(line: Line) -> None:

@@ -579,7 +579,7 @@ def test_attached_capture_records_both_directions_of_another_program(
         device: 5 * FRAME,
         "host": 5 * FRAME,
     }
-    assert "mmap and io_uring are not seen" in str(reader.metadata)
+    assert "mmap and io_uring are not seen" in str([*reader.items()])
 
 
 @needs("strace")
@@ -603,7 +603,7 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
                 status = Path(f"/proc/{host.pid}/status").read_text()
                 os.kill(int(re.findall(r"TracerPid:\t(\d+)", status)[0]), signal.SIGKILL)
                 lost = stderr_until(capture, f"{device} found again: after")
-                assert f"{device} lost: strace was ended by SIGKILL; waiting for a" in lost
+                assert f"{device} lost: strace was ended by SIGKILL; waiting" in lost
                 assert lost.count("\n") == 2
                 echoed(far, 4)
                 capture.send_signal(signal.SIGINT)
