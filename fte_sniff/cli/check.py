@@ -92,7 +92,7 @@ def command(
     if form == "json":
         print_json(_object(found, total[""]["extent"].row(0, named=True), reading))
     else:
-        print_lines(_lines(found, reading.source.zone))
+        print_lines(_lines(found, reading.zone))
     finish(reading, refused=any(one.refuses for one in found))
 
 

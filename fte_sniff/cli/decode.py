@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -30,6 +29,7 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.streams import ending_signals, print_err, progress_line
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.save import ExportSource, Write, exported, writing
 
@@ -40,7 +40,14 @@ from fte_sniff.session.save import ExportSource, Write, exported, writing
 @rows_format_option(OutputFormat)
 @output_options("Write to this file instead of standard output; its extension selects the format.")
 @columns_option
-@click.option("--limit", type=click.IntRange(min=0), metavar="N", help="Stop after N rows.")
+@click.option(
+    "--limit",
+    type=click.IntRange(min=0),
+    default=sys.maxsize,
+    show_default=False,
+    metavar="N",
+    help="Stop after N rows.",
+)
 def command(
     query: InputQuery,
     following: bool,
@@ -48,7 +55,7 @@ def command(
     output: Path | None,
     force: bool,
     columns: tuple[str, ...] | None,
-    limit: int | None,
+    limit: int,
 ) -> None:
     """Decode recordings (.mcap), raw bytes (.bin .raw), hex text and logs (.hex .txt .log).
 
@@ -75,16 +82,18 @@ def command(
     with ending, progress_line(shown=shown) as progress:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and follower is None and STDIN not in query.files
-        reading = query.read(query.row_filter(), limit, progress, follower, facts=facts)
-        if columns:
-            reading.source = replace(reading.source, columns=columns)
-        with _opened(written, output, reading.source, force=force) as write:
+        row_filter = query.row_filter()
+        reading = query.read(row_filter, limit, progress, follower, facts=facts)
+        source = reading.source(columns)
+        with _opened(written, output, source, force=force) as write:
             for item in reading:
                 write(item)
+            if row_filter is not None:
+                source.selections.append(Selection(row_filter.text, reading.tally.rows))
     print_notes(reading)
-    if reading.row_filter is not None and reading.row_filter.advice:
-        print_err(f"fte-sniff: --filter: {reading.row_filter.advice}")
-    print_err(summary(reading.tally, reading, zone=reading.source.zone))
+    if row_filter is not None and row_filter.advice:
+        print_err(f"fte-sniff: --filter: {row_filter.advice}")
+    print_err(summary(reading.tally, reading, zone=reading.zone))
     exit_if_unreadable(reading)
 
 

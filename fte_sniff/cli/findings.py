@@ -44,7 +44,7 @@ def command(query: InputQuery, form: str) -> None:
         print_json(findings_json(report))
     else:
         set_language(load_settings().language())
-        for line in _lines(report, query, reading.source.zone):
+        for line in _lines(report, query, reading.zone):
             click.echo(printable(line))
     finish(reading)
 

@@ -23,7 +23,6 @@ from itertools import chain
 from pathlib import Path
 from select import select
 from typing import TYPE_CHECKING, Any, Final
-from weakref import finalize
 
 import click
 
@@ -54,7 +53,6 @@ from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Status, status_o
 from fte_sniff.session.following import Follower, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
-    KIND_OF_SUFFIX,
     STDIN_NAME,
     Input,
     InputKind,
@@ -223,8 +221,8 @@ def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> 
         return found
     if (known := bounds()) is None:
         raise UsageError(
-            f"{option} {shortened(text)}: the input has no times; set with --start when its bytes"
-            " began, or give a recording or a dated log, with rows"
+            f"{option} {shortened(text)}: the input has no times, or they are not known before it"
+            " is read; write a time in full, or set with --start when its bytes began"
         )
     first, last = known
     if clock is not None:
@@ -462,7 +460,7 @@ class InputQuery:
     def read(
         self,
         row_filter: RowFilter | None,
-        limit: int | None = None,
+        limit: int = sys.maxsize,
         progress: Progress | None = None,
         follower: Follower | None = None,
         *,
@@ -495,11 +493,11 @@ class InputQuery:
             row_filter,
             limit,
             self.baud,
-            unreadable,
-            progress,
-            facts=facts,
-            pair=self.pair,
+            has_facts=facts,
+            is_pair=self.pair,
             zone=zone or UTC,
+            unreadable=unreadable,
+            progress=progress or Progress(),
         )
         if follower is not None:
             found.progress.step = f"following {inputs[0].name}"
@@ -545,39 +543,41 @@ def _in_quotes(text: str) -> str:
 
 
 def _opened(path: Path, query: InputQuery) -> Input:
-    if query.topics:
-        return _topics(path, query.topics)
-    stream = _stream_of(path)
-    one = _input_of(path, stream, query)
-    if stream is not None:
-        # Not at exit: a thread that waits for the next bytes of a pipe would delay it.
-        finalize(one, stream.close).atexit = False
-    return one
-
-
-def _input_of(path: Path, stream: BufferedReader | None, query: InputQuery) -> Input:
-    name = STDIN_NAME if path == STDIN else str(path)
-    kind = query.kind or kind_of(name, _first_bytes(path, stream))
+    name, stream = str(path), None
+    if path == STDIN:
+        pipe = _InterruptiblePipe(sys.stdin.fileno(), closefd=False)
+        name, stream = STDIN_NAME, BufferedReader(pipe)
+    kind = query.kind or kind_of(name, stream.peek(1) if stream else _first_bytes(path))
+    baud = query.baud or DEFAULT_BAUD
     if kind is InputKind.MCAP:
+        if stream is not None:
+            raise UsageError(f"{name} is a recording; save it to a file, and name that")
+        if query.topics:
+            from fte_sniff.recording.foreign_topic import topic_chunks
+
+            topics = partial(topic_chunks, path, query.topics)
+            return chunk_input(", ".join(query.topics), topics(), topics, ports=query.topics)
         from fte_sniff.recording.reader import Recording
 
-        return recording_input(Recording(Path(name), stream))
+        return recording_input(Recording(path))
+    if query.topics:
+        raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     if kind is InputKind.RAW:
-        baud = query.baud or DEFAULT_BAUD
         chunks = partial(raw_chunks, stream or path, name, query.start_ns(), baud)
-        count = path.stat().st_size // FRAME_LENGTH if stream is None else None
-        is_guess = query.kind is None and path.suffix.lower() not in KIND_OF_SUFFIX
-        again = chunks if stream is None else None
-        return chunk_input(name, chunks(), again, baud, count=count, is_guess=is_guess)
+        if stream is not None:
+            return chunk_input(name, chunks(), baud=baud)
+        count = path.stat().st_size // FRAME_LENGTH
+        return chunk_input(name, chunks(), chunks, baud, count=count)
     from fte_sniff.formats.log import Log
 
     options = query.log_options()
     log = Log(name, options, stream)
+    again = tuple if stream else lambda: Log(name, options).chunks()
     return chunk_input(
         name,
         log.chunks(),
-        None if stream else lambda: Log(name, options).chunks(),
-        options.baud,
+        again,
+        baud,
         ports=log.ports,
         notes=lambda: (*log.notes(), *log.time_notes()),
     )
@@ -595,31 +595,15 @@ class _InterruptiblePipe(FileIO):
         return super().readinto(buffer)
 
 
-def _stream_of(path: Path) -> BufferedReader | None:
-    """Standard input or a pipe, which can be read once; None for a file."""
-    if path == STDIN:
-        return BufferedReader(_InterruptiblePipe(sys.stdin.fileno(), closefd=False))
-    return BufferedReader(_InterruptiblePipe(path)) if path.is_fifo() else None
-
-
-def _first_bytes(path: Path, stream: BufferedReader | None = None) -> bytes:
-    """Bytes that show the format; they stay in a stream. Raises FileError."""
-    if stream is not None:
-        return stream.peek(1)
+def _first_bytes(path: Path) -> bytes:
+    """Bytes that show the format. Raises FileError, and UsageError for a pipe."""
+    if path.is_fifo():
+        raise UsageError(f"{path} is a pipe; read it as '-', standard input")
     try:
         with path.open("rb") as file:
             return file.read(_FIRST)
     except OSError as error:
         raise unreadable(path, error) from error
-
-
-def _topics(path: Path, topics: tuple[str, ...]) -> Input:
-    if path == STDIN or kind_of(str(path), _first_bytes(path)) is not InputKind.MCAP:
-        raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
-    from fte_sniff.recording.foreign_topic import topic_chunks
-
-    chunks = partial(topic_chunks, path, topics)
-    return chunk_input(", ".join(topics), chunks(), chunks, ports=topics)
 
 
 # What is reported
@@ -663,19 +647,14 @@ def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:
     """Why rows or frames are missing, or what to check; empty otherwise."""
     if tally.rows >= ENOUGH_ROWS and not tally.frames:
         return "no frame found: check the controller, the baud rate and the polarity"
-    if reading is not None and tally.rows and not reading.written and reading.row_filter:
-        return f"none of them matches the filter: {printable(reading.row_filter.text)}"
     if tally.rows:
-        return ""
-    if reading is None:
-        return "nothing came: check the wire, the ground and the baud rate"
-    if reading.span is not None:
-        return "no row is between --from and --to"
-    if reading.selections and not reading.notes:
+        hides = reading is not None and not reading.written and reading.row_filter
+        return f"none of them matches the filter: {printable(hides.text)}" if hides else ""
+    if reading is not None and (reading.notes or reading.reported_gaps):
+        return ""  # they name the reason
+    if reading is not None and reading.selections:
         wanted = " and ".join(printable(one.filter_text) for one in reading.selections)
         return f"nothing was selected when the recording was written: {wanted}"
-    if reading.notes or reading.reported_gaps:
-        return ""  # they name the reason
     return "nothing came: check the wire, the ground and the baud rate"
 
 

@@ -51,7 +51,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
     findings = find(counts).found if query.filter_text is None else []
-    zone = reading.source.zone
+    zone = reading.zone
     texts = {
         "findings": "\n".join(f"{headline(one, (), zone)}: {_(one.text)}" for one in findings),
         "statistics": "\n".join(line.plain for line in report_lines(numbers, reading)),

@@ -79,7 +79,7 @@ Columns: TypeAlias = Sequence[tuple[str, Callable[[Json, When], str]]]
 
 def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
     """The lines of the report about the object of docs/stats.md."""
-    when, ports = _clock(numbers, reading.source.zone), numbers["ports"]
+    when, ports = _clock(numbers, reading.zone), numbers["ports"]
     yield from _whole(numbers, reading)
     if len(numbers["files"]) > 1:
         yield from _table(_FILES, numbers["files"], when)
@@ -130,7 +130,7 @@ def _clock(numbers: Json, zone: tzinfo) -> When:
 
 
 def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
-    files, rows, zone = numbers["files"], numbers["rows"], reading.source.zone
+    files, rows, zone = numbers["files"], numbers["rows"], reading.zone
     yield _line("files", printable(files[0]["name"]) if len(files) == 1 else f"{len(files):,}")
     if numbers["filter"] is not None:
         of_them = f"holds for {rows:,} of {numbers['rows_read']:,} rows"

@@ -84,8 +84,8 @@ def command(
         items = iter(reading)
         # The first item is read now, so that an error comes before the screen.
         begun = list(islice(items, 1))
-    ports = reading.source.ports
-    setup = settings.line_setup(ports, query.baud or DEFAULT_BAUD)
+    source = reading.source()
+    setup = settings.line_setup(source.ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
     shown = chain(begun, items)
@@ -101,7 +101,7 @@ def command(
         row_filter=wanted,
         alert=alert,
         line_setup=setup,
-        export_source=reading.source,
+        export_source=source,
         zone=query.zone_given(),
         language=language,
         choices=settings.choices,

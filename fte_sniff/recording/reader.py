@@ -21,10 +21,7 @@ from glob import escape
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from shutil import copyfileobj
-from tempfile import NamedTemporaryFile
-from typing import IO, BinaryIO, Final, TypeAlias
-from weakref import finalize
+from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -125,10 +122,8 @@ _Group: TypeAlias = Sequence[ChunkRef | LostBytes]
 class Recording:
     """One recording."""
 
-    def __init__(
-        self, path: Path, stream: BinaryIO | None = None, *, is_growing: bool = False
-    ) -> None:
-        """Find the chunks of a file; of a stream, which `path` names, a copy is made.
+    def __init__(self, path: Path, *, is_growing: bool = False) -> None:
+        """Find the chunks of a file.
 
         Another program may write a file that `is_growing`. Raises FileError if it cannot be read,
         is not an MCAP file, or has no topics of this program.
@@ -141,9 +136,6 @@ class Recording:
         """Messages in the chunks that were read so far."""
         self._decoder = MessageDecoder()
         self._rows = 0
-        self._copy: IO[bytes] | None = None
-        if stream is not None:
-            self._copy = self._copied(stream)
         with self._open() as file:
             found = os.fstat(file.fileno())
             self._identity = found.st_dev, found.st_ino
@@ -404,18 +396,10 @@ class Recording:
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
         try:
-            with Path(self._copy.name if self._copy else self.path).open("rb") as stream:
+            with self.path.open("rb") as stream:
                 yield stream
         except OSError as error:
             raise unreadable(self.path, error) from error
-
-    def _copied(self, stream: BinaryIO) -> IO[bytes]:
-        """A temporary copy of what can be read only once."""
-        copy = NamedTemporaryFile(prefix="fte-sniff-", suffix=SUFFIX)  # noqa: SIM115
-        finalize(self, copy.close)
-        copyfileobj(stream, copy)
-        copy.flush()
-        return copy
 
     def _check_start(self, file: BinaryIO) -> None:
         """Raise FileError unless the file begins as an MCAP file, or has chunks."""

@@ -1,4 +1,4 @@
-"""Inputs, and the reading of them: recordings, logs, raw bytes and pipes as one stream of items.
+"""Inputs, and the reading of them: recordings, logs and raw bytes as one stream of items.
 
     a.mcap a_00002.mcap   one capture      ──items──┐
     rx.mcap + tx.mcap     a pair of wires  ──items──┼─facts─filter─→ merged by time
@@ -11,9 +11,10 @@ each group of inputs that belong together, and yields the rows that pass a filte
 
 from __future__ import annotations
 
+import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from enum import StrEnum
@@ -28,10 +29,10 @@ from fte_sniff.errors import (
     FteSniffError,
     InputTextError,
     TranslatableText,
-    UsageError,
 )
 from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log_text import is_text
+from fte_sniff.formats.writers import ALL_COLUMNS
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Rows
@@ -108,17 +109,6 @@ class Progress:
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
 
-TROUBLES: Final = MappingProxyType(
-    {
-        PortEventKind.OVERRUN: "the port reported overrun {times}",
-        PortEventKind.LINE_ERROR: "the port reported line_error {times}",
-        PortEventKind.LOST: "the port reported lost {times}",
-        PortEventKind.NOT_PASSED_ON: "the port reported not_passed_on {times}",
-        PortEventKind.SHARED: "another program had the port open",
-    }
-)
-"""What the events mean that report bytes of a recording as missing or damaged."""
-
 Note: TypeAlias = Callable[[str], None]
 """Receives one line for the user about an input, such as that a part of it is damaged."""
 
@@ -134,10 +124,9 @@ class Input:
     """For display; may hold text from outside, so escape it."""
     read: Callable[[TimeRange | None, Note], Iterator[Item]]
     """Reads the items in a span, or all. The note is called after the last row with what is wrong
-    with the input. Raises FileError; InputTextError for text that is not hex; UsageError for a span
-    of rows without times."""
+    with the input. Raises FileError, and InputTextError for text that is not hex."""
     times: Callable[[], Times] = lambda: None
-    """Finds the times of its rows; raises UsageError if they can be read only once."""
+    """Finds the times of its rows."""
     first_ns: Callable[[], int | None] = lambda: None
     """Finds the first of them, which may take less than `times`."""
     ports: Sequence[PortFacts] = ()
@@ -212,12 +201,11 @@ def note_losses(reader: Recording, note: Note) -> None:
 def chunk_input(
     name: str,
     chunks: Iterable[Chunk],
-    again: Callable[[], Iterable[Chunk]] | None,
+    again: Callable[[], Iterable[Chunk]] = tuple,
     baud: int = DEFAULT_BAUD,
     *,
     ports: Sequence[str] = (),
     count: int | None = None,
-    is_guess: bool = False,
     notes: Callable[[], Iterable[str]] = tuple,
 ) -> Input:
     """Chunks, which are framed here: a log, raw bytes, or topics of another program.
@@ -225,27 +213,20 @@ def chunk_input(
     Args:
         name: of the input, and the port of its rows if there are no `ports`.
         chunks: the bytes.
-        again: opens them again to find the times; None if they can be read only once.
+        again: opens them again to find the times; no chunks if they can be read only once.
         baud: bits per second.
         ports: the ports of the chunks.
         count: number of rows, about.
-        is_guess: whether nobody says that they are raw bytes, so that they must have a frame.
         notes: returns what else is remarkable, once all chunks are read.
     """
 
     def first_ns() -> int | None:
         with suppress(FteSniffError):  # raised when the rows are read
-            for chunk in again() if again else ():
-                if chunk.t_ns is not None:
-                    return chunk.t_ns - len(chunk.data) * byte_time_ns(baud)
+            for chunk in again():
+                return chunk.t_ns and chunk.t_ns - len(chunk.data) * byte_time_ns(baud)
         return None
 
     def times() -> Times:
-        if again is None:
-            raise UsageError(
-                f"{name} can be read only once, so its first and last time are not known"
-                " before; write the times in full, as 2026-01-31T12:00:05Z, or read a file"
-            )
         tally = Tally()
         with suppress(InputTextError):  # raised when the rows are read
             for rows in rows_of_chunks(again(), lambda _note: None, baud):
@@ -253,24 +234,16 @@ def chunk_input(
         return tally.times
 
     def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
-        rows_read = frames = 0
+        is_empty = True
         try:
             for rows in rows_of_chunks(chunks, note, baud):
-                rows_read += len(rows)
-                frames += int(rows.framed.sum())
-                if span is not None and len(rows) and rows.span_ns is None:
-                    raise UsageError(f"{name} has no times; set with --start when its bytes began")
+                is_empty = False
                 yield rows if span is None else rows.select(span.mask(rows.t_ns))
         finally:
             for text in notes():
                 note(f"{name}: {text}")
-        if not rows_read:
+        if is_empty:
             raise FileError(f"{name} is empty; there is nothing to read")
-        if is_guess and not frames:
-            raise FileError(
-                f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"
-                " --input raw reads them as such"
-            )
 
     return Input(name, read, times, first_ns, [PortFacts(port) for port in ports or [name]], count)
 
@@ -281,33 +254,24 @@ _GAP_EVENTS: Final = (PortEventKind.LOST, PortEventKind.FOUND_AGAIN, PortEventKi
 """Events at which bytes of a port are missing."""
 
 
-class EventEffects:
-    """Adds the gaps and changes of the baud that port events are."""
+def with_effects(items: Iterable[Item], lost: set[str]) -> Iterator[Item]:
+    """The items, and behind port events the gaps and changes of the baud that they mean.
 
-    def __init__(self, bauds: Mapping[str, int]) -> None:
-        """Follow the baud of these ports, bits per second."""
-        self._bauds = bauds
-        self.lost: set[str] = set()
-        """Ports that are lost and were not found again."""
-
-    def of(self, items: Iterable[Item]) -> Iterator[Item]:
-        """The items, with what the port events among them mean behind each."""
-        for item in items:
-            yield item
-            if isinstance(item, PortEvent) and (effect := self._effect(item)) is not None:
-                yield effect
-
-    def _effect(self, event: PortEvent) -> Gap | BaudChange | None:
-        if event.kind in _GAP_EVENTS:
-            if event.kind is PortEventKind.LOST:
-                self.lost.add(event.port)
-            elif event.kind is PortEventKind.FOUND_AGAIN:
-                self.lost.discard(event.port)
-            t_ns, is_lost = event.t_ns, bool(self.lost)
-            return Gap(GapKind.PORT, None, t_ns, t_ns, event.detail, event.port, is_lost)
-        if event.kind is PortEventKind.BAUD_CHANGED and event.count and event.port in self._bauds:
-            return BaudChange(event.port, event.count)
-        return None
+    `lost` receives the ports that are lost and were not found again.
+    """
+    for item in items:
+        yield item
+        if not isinstance(item, PortEvent):
+            continue
+        if item.kind is PortEventKind.LOST:
+            lost.add(item.port)
+        elif item.kind is PortEventKind.FOUND_AGAIN:
+            lost.discard(item.port)
+        if item.kind in _GAP_EVENTS:
+            t_ns, is_lost = item.t_ns, bool(lost)
+            yield Gap(GapKind.PORT, None, t_ns, t_ns, item.detail, item.port, is_lost)
+        elif item.kind is PortEventKind.BAUD_CHANGED and item.count:
+            yield BaudChange(item.port, item.count)
 
 
 def with_facts(items: Iterable[Item]) -> Iterator[Item]:
@@ -400,84 +364,64 @@ ReadingCounts: TypeAlias = tuple[Tally, list[str], list[Gap], list[FileError]]
 """The rows, notes, reported gaps and unreadable inputs of a reading."""
 
 
+@dataclass(slots=True, eq=False)
 class InputReading:
     """Reads the rows of inputs once; counts them and collects what is known about them."""
 
-    def __init__(
-        self,
-        inputs: Sequence[Input],
-        span: TimeRange | None = None,
-        row_filter: RowFilter | None = None,
-        limit: int | None = None,
-        baud: int | None = None,
-        unreadable: Sequence[FileError] = (),
-        progress: Progress | None = None,
-        *,
-        facts: bool = False,
-        pair: bool = False,
-        zone: tzinfo = UTC,
-    ) -> None:
-        """Read no rows yet; of several inputs, read their first times.
+    inputs: Sequence[Input]
+    """In the order of their first times; those without come last, in their order."""
+    span: TimeRange | None = None
+    """Only rows in it; None for all."""
+    row_filter: RowFilter | None = None
+    """Only rows that it matches; None for all."""
+    limit: int = sys.maxsize
+    """Largest number of those rows."""
+    baud: int | None = None
+    """The baud of every port; None for that of the inputs."""
+    has_facts: bool = False
+    """Whether rows wait for the facts that depend on later rows; they always do if the filter names
+    one."""
+    is_pair: bool = False
+    """Whether all inputs are wires of one line; two recordings that leave no doubt are."""
+    zone: tzinfo = UTC
+    """That of times in text."""
+    unreadable: list[FileError] = field(default_factory=list)
+    """Errors of inputs that could not be opened or read."""
+    progress: Progress = field(default_factory=Progress)
+    groups: list[Sequence[Input]] = field(init=False)
+    """The inputs that belong together."""
+    tally: Tally = field(default_factory=Tally)
+    """All rows so far, and `written`: those that match, up to the limit."""
+    written: int = 0
+    notes: list[str] = field(default_factory=list)
+    """What is wrong with the inputs, one line each."""
+    reported_gaps: list[Gap] = field(default_factory=list)
+    """The gaps in the span that recordings report."""
+    on_input: Callable[[str], None] = lambda _name: None
+    """Is called with the name of each input, or of both of a pair, before its first item."""
 
-        Args:
-            inputs: what to read.
-            span: only rows in it; None for all.
-            row_filter: only rows that it matches; None for all.
-            limit: largest number of those rows; None for all.
-            baud: the baud of every port; None for that of the inputs.
-            unreadable: errors of inputs that could not be opened.
-            progress: shows how far reading has come.
-            facts: whether rows wait for the facts that depend on later rows; they always do if the
-                filter names one.
-            pair: whether all inputs are wires of one line; two recordings that leave no doubt are.
-            zone: that of times in text.
-        """
-        # The first time of a single input is not needed.
-        self._first_ns = {id(one): one.first_ns() if inputs[1:] else None for one in inputs}
-        self.inputs = sorted(inputs, key=self._order)
-        self._is_pair = pair or are_both_wires(self.inputs)
-        self.groups = groups_of(self.inputs, pair=self._is_pair)
-        self.unreadable = list(unreadable)
-        self.span, self.row_filter, self.limit, self._baud = span, row_filter, limit, baud
-        self._has_facts = facts or (row_filter is not None and row_filter.needs_facts)
-        self.tally = Tally()
-        self.notes = [str(error) for error in unreadable]
-        """What is wrong with the inputs, one line each."""
-        self._note_copies()
-        self.written = 0
-        """Rows that match, up to the limit."""
-        self.progress = progress or Progress()
-        self.progress.step = ""
-        counts = [one.count for one in inputs if one.count is not None]
-        self.progress.total = sum(counts) if len(counts) == len(inputs) and not span else None
-        self.on_input: Callable[[str], None] = lambda _name: None
-        """Is called with the name of each input, or of both of a pair, before its first item."""
-        self.reported_gaps: list[Gap] = []
-        """The gaps in the span that recordings report."""
-        self.selections = [selection for one in inputs for selection in one.selections]
+    def __post_init__(self) -> None:
+        self.inputs = sorted(self.inputs, key=lambda one: _order(one.first_ns()))
+        self.is_pair = self.is_pair or are_both_wires(self.inputs)
+        self.groups = groups_of(self.inputs, pair=self.is_pair)
+        if self.row_filter is not None:
+            self.has_facts |= self.row_filter.needs_facts
+        self.notes += map(str, self.unreadable)
+        counts = [one.count for one in self.inputs if one.count is not None]
+        is_known = len(counts) == len(self.inputs) and self.span is None
+        self.progress.step, self.progress.total = "", sum(counts) if is_known else None
+
+    @property
+    def selections(self) -> list[Selection]:
         """The filters that selected the rows of the inputs when they were written."""
-        self._all_selections = list(self.selections)
-        ports = [port.name for one in inputs for port in one.ports]
-        bauds = dict.fromkeys(ports, baud) if baud else _bauds_of(inputs)
-        known = {name: fact for one in inputs for name, fact in one.facts.items()}
-        self.source = ExportSource(ports, bauds, self._all_selections, known, zone=zone)
-        """What is known about the rows; complete once `__iter__` has ended."""
+        return [selection for one in self.inputs for selection in one.selections]
 
-    def _order(self, one: Input) -> tuple[bool, int]:
-        """The sort key of inputs: their first times; those without come last, in their order."""
-        first_ns = self._first_ns[id(one)]
-        return first_ns is None, first_ns or 0
-
-    def _note_copies(self) -> None:
-        seen = dict[object, Input]()
-        for one in self.inputs:
-            first_ns = self._first_ns[id(one)]
-            other = seen.setdefault((first_ns, *(port.name for port in one.ports)), one)
-            if first_ns is not None and other is not one:
-                self.notes.append(
-                    f"{one.name}: begins at the same time as {other.name}, on the same port; rows"
-                    " that are in both count twice"
-                )
+    def source(self, columns: Sequence[str] | None = None) -> ExportSource:
+        """What is known about the rows before they are read."""
+        ports = [port.name for one in self.inputs for port in one.ports]
+        bauds = dict.fromkeys(ports, self.baud) if self.baud else _bauds_of(self.inputs)
+        known = {name: fact for one in self.inputs for name, fact in one.facts.items()}
+        return ExportSource(ports, bauds, self.selections, known, columns or ALL_COLUMNS, self.zone)
 
     @property
     def counts(self) -> ReadingCounts:
@@ -502,69 +446,52 @@ class InputReading:
 
         The rows of inputs without times come last.
         """
-        items = merged(
-            Timed(self._first_ns[id(group[0])], partial(self._selected, group))
-            for group in self.groups
-        )
-        for item in items:
-            yield self._limited(item) if isinstance(item, Rows) else item
-            if isinstance(item, Rows) and self.written == self.limit:
-                items.close()  # type: ignore[attr-defined]  # the inputs note what is known of them
-                break
-        if self.row_filter is not None:
-            self._all_selections.append(Selection(self.row_filter.text, self.tally.rows))
+        streams = (Timed(own[0].first_ns(), partial(self._selected, own)) for own in self.groups)
+        with closing(merged(streams)) as items:  # the inputs note what is known of them
+            for item in items:
+                if isinstance(item, Rows):
+                    rows = item[: self.limit - self.written]
+                    self.written += len(rows)
+                    yield rows
+                    if self.written == self.limit:
+                        return
+                else:
+                    yield item
 
     def _selected(self, group: Sequence[Input], is_beside: bool = False) -> Iterator[Item]:
         """The items of a group with the facts of its rows, of which only those that match."""
-        items = self._items_of(group, is_beside)
-        for item in self._counted(with_facts(items) if self._has_facts else items):
+        items = with_effects(self._items_of(group, is_beside), set())
+        for item in self._counted(with_facts(items) if self.has_facts else items):
             if isinstance(item, Rows) and self.row_filter is not None:
                 yield item.select(self.row_filter.matches(item))
-            else:
+            elif not (isinstance(item, BaudChange) and self.baud):
                 yield item
 
-    def _limited(self, rows: Rows) -> Rows:
-        if self.limit is not None and len(rows) > self.limit - self.written:
-            rows = rows[: self.limit - self.written]
-        self.written += len(rows)
-        return rows
-
     def _items_of(self, group: Sequence[Input], is_beside: bool) -> Iterator[Item]:
-        """The items of a group, without its filter: gaps, changes of the baud, all rows.
+        """The items of a group, without its filter.
 
         They begin with a gap, which beside other inputs is one of their own ports only.
         """
-        bauds = {} if self._baud else _bauds_of(group)
-        yield from (BaudChange(port, baud) for port, baud in bauds.items())
         ports = [port.name for one in group for port in one.ports] if is_beside else [None]
         for name in dict.fromkeys(ports):
             yield Gap(GapKind.OTHER_RECORDING, reason=_ANOTHER, port=name, port_lost=False)
-        if self._is_pair:
+        if self.is_pair:
             self.on_input(" + ".join(one.name for one in group))
-            items = merged(
-                Timed(self._first_ns[id(one)], partial(self._read, one)) for one in group
-            )
-        else:
-            items = self._chained(group)
-        yield from EventEffects(bauds).of(items)
-
-    def _chained(self, inputs: Sequence[Input]) -> Iterator[Item]:
-        bauds = _bauds_of(inputs[:1])
-        for one in inputs:
+            yield from merged(Timed(one.first_ns(), partial(self._read, one)) for one in group)
+            return
+        for one in group:
             self.on_input(one.name)
-            before, bauds = bauds, _bauds_of([one])
-            if self._baud is None and bauds != before:
-                yield from (BaudChange(port, baud) for port, baud in bauds.items())
             yield from self._read(one)
 
     def _read(self, one: Input, _is_beside: bool = False) -> Iterator[Item]:
         """The items of one input; an error of one of several is noted."""
         count, troubles = 0, Counter[PortEventKind]()
+        yield from (BaudChange(port, baud) for port, baud in _bauds_of([one]).items())
         try:
             for item in one.read(self.span, self.notes.append):
                 if isinstance(item, Rows):
                     count += len(item)
-                elif isinstance(item, PortEvent):
+                elif isinstance(item, PortEvent) and item.kind in _TROUBLES:
                     troubles[item.kind] += 1
                 yield item
         except FileError as error:
@@ -573,22 +500,19 @@ class InputReading:
             self.unreadable.append(error)
             self.notes.append(str(error))
         finally:
-            self._note_end(one, count, troubles)
+            if troubles:
+                told = ", ".join(f"{kind} {times:,}" for kind, times in troubles.items())
+                self.notes.append(f"{one.name}: the port reported {told} while it was recorded")
+            if self.span is not None and not count:
+                self._note_times(one)
 
-    def _note_end(self, one: Input, count: int, troubles: Counter[PortEventKind]) -> None:
-        """Note what was wrong with an input, and that it has no rows in the span."""
-        for kind, text in TROUBLES.items():
-            if number := troubles[kind]:
-                what = text.format(times="once" if number == 1 else f"{number:,} times")
-                self.notes.append(f"{one.name}: {what} while it was recorded")
-        if self.span is not None and not count:
-            with suppress(FteSniffError):
-                if (times := one.times()) is not None:
-                    first, last = map(iso_time, times)
-                    self.notes.append(
-                        f"{one.name}: none of its rows is between --from and --to; they go from"
-                        f" {first} to {last}"
-                    )
+    def _note_times(self, one: Input) -> None:
+        """Note that an input has no rows in the span."""
+        with suppress(FteSniffError):
+            text = f"{one.name}: none of its rows is between --from and --to"
+            if (times := one.times()) is not None:
+                text += f"; they go from {iso_time(times[0])} to {iso_time(times[1])}"
+            self.notes.append(text)
 
     def _counted(self, items: Iterable[Item]) -> Iterator[Item]:
         """Count the rows of items; of gaps, only the part in the span, and each only once."""
@@ -607,7 +531,22 @@ class InputReading:
             yield item
 
 
+_TROUBLES: Final = frozenset(
+    {
+        PortEventKind.OVERRUN,
+        PortEventKind.LINE_ERROR,
+        PortEventKind.LOST,
+        PortEventKind.NOT_PASSED_ON,
+        PortEventKind.SHARED,
+    }
+)
+"""Events that report bytes of a recording as missing or damaged."""
+
 _ANOTHER: Final = TranslatableText("another recording begins here")
+
+
+def _order(first_ns: int | None) -> tuple[bool, int]:
+    return first_ns is None, first_ns or 0
 
 
 def _bauds_of(inputs: Sequence[Input]) -> dict[str, int]:

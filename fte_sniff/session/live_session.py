@@ -24,7 +24,7 @@ from fte_sniff.recording.reader import Recording
 from fte_sniff.session.control import CapturePlan, CaptureState, send, start
 from fte_sniff.session.feeds import ItemFeed
 from fte_sniff.session.following import grown
-from fte_sniff.session.inputs import EventEffects
+from fte_sniff.session.inputs import with_effects
 
 END_WITHIN_S = 5.0
 """Seconds without a message after which a capture that should end is killed."""
@@ -64,7 +64,8 @@ class LiveSession(ItemFeed):
             ) from error
         self.capture = CaptureState()
         """The latest state of the capture process."""
-        self._effects = EventEffects(dict.fromkeys(plan.wiring.names, plan.wiring.settings.baud))
+        self._lost = set[str]()
+        """The ports that are lost."""
         self._stopped_at_s: float | None = None
         self._received_at_s = 0.0
         """Monotonic time of the last state; many come every second while the capture works."""
@@ -75,7 +76,7 @@ class LiveSession(ItemFeed):
         """Set with the first state."""
         self._states = Thread(target=self._read_states, name="reads states", daemon=True)
         self._states.start()
-        super().__init__(self._effects.of(self._items()))
+        super().__init__(with_effects(self._items(), self._lost))
 
     def begin(self) -> None:
         """Wait until the port and the recording are open.
@@ -180,7 +181,7 @@ class LiveSession(ItemFeed):
             title=" + ".join((names[0], *others)),
             recording=None if is_temporary else state.recording,
             running=running,
-            waiting=running and bool(self._effects.lost),
+            waiting=running and bool(self._lost),
             ended=None if running else state.reason or TranslatableText("stopped"),
             trouble=state.error.message if running and state.error else state.backlog,
             rows=state.rows,

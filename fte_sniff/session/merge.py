@@ -14,7 +14,7 @@ keys are times; a row that is earlier than the one before it counts as of the ti
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, cast
 
@@ -145,7 +145,7 @@ class Timed:
     """Begins to read it; the argument is whether others are open."""
 
 
-def merged(streams: Iterable[Timed]) -> Iterator[Item]:
+def merged(streams: Iterable[Timed]) -> Generator[Item]:
     """The items of streams that are sorted by their first times, those without at the end.
 
     A stream is opened when its first row is due, so few are open at a time.

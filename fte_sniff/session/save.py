@@ -45,8 +45,8 @@ class ExportSource:
     """The ports that the rows may come from."""
     bauds: Mapping[str, int] = field(default_factory=dict)
     """Bits per second by port; a port of unknown baud is not in it."""
-    selections: Sequence[Selection] = ()
-    """The filters that chose the rows, as far as they are known when the last row is written."""
+    selections: list[Selection] = field(default_factory=list)
+    """The filters that chose the rows; more may be added until the last row is written."""
     facts: Mapping[str, str] = field(default_factory=dict)
     """Metadata of the recordings that the rows come from."""
     columns: Sequence[str] = ALL_COLUMNS

@@ -116,7 +116,7 @@ def _rows_of(reader: Recording, span: TimeRange, *, facts: bool) -> Iterator[Row
     if facts:
         end_ns = min(span.end_ns, EVERYTHING.end_ns - DEADLINE_NS) + DEADLINE_NS
         wider = TimeRange(max(0, span.first_ns - DEADLINE_NS), end_ns)
-        items = span.within(InputReading([recording_input(reader)], wider, facts=True))
+        items = span.within(InputReading([recording_input(reader)], wider, has_facts=True))
     yield from (item for item in items if isinstance(item, Rows))
     if reader.losses:
         losses = printable(f"{reader.path}: {'; '.join(reader.losses)}")

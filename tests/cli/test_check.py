@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 from pathlib import Path
-
-import pytest
 
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
-from tests.beside import running
 from tests.cli.conftest import ROOT
 from tests.support.recorded_rows import write_recording
 
@@ -32,14 +28,6 @@ def test_every_key_is_described(run, samples: Path) -> None:
     reported = json.loads(done.stdout)
     (rule,) = reported["rules"]
     assert set(reported) | set(rule) | set(rule["row"]) <= described
-
-
-@pytest.mark.parametrize("name", ["clean.mcap", "clean.hex", "clean.raw"])
-def test_a_named_pipe_is_read_once(run, samples: Path, tmp_path: Path, name: str) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    with running(["cp", samples / name, tmp_path / "pipe"]):
-        done = run("check", tmp_path / "pipe", "--expect", "count(ok) == 1200")
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_an_input_without_rows_covers_nothing(run, tmp_path: Path) -> None:

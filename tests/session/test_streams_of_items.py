@@ -19,10 +19,10 @@ from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import (
-    EventEffects,
     Input,
     InputReading,
     recording_input,
+    with_effects,
     with_facts,
 )
 from fte_sniff.session.merge import Timed, merged
@@ -94,7 +94,7 @@ def test_what_is_between_rows_stays_between_them(cuts: list[int]) -> None:
 def test_what_a_port_event_does_to_decoding_is_an_item_after_it() -> None:
     kinds = (PortEventKind.LOST, PortEventKind.FOUND_AGAIN)
     events = [PortEvent(SECOND, "a", kind, "") for kind in kinds]
-    found = each(EventEffects({"a": 115_200}).of(events))
+    found = each(with_effects(events, set()))
     assert [type(one) for one in found] == [PortEvent, Gap, PortEvent, Gap] or [
         type(one) for one in found
     ] == [PortEvent, Gap, PortEvent]
@@ -127,7 +127,7 @@ def test_two_wires_in_two_files_are_paired_where_nothing_is_in_doubt(tmp_path: P
     same = recorded(tmp_path / "s.mcap", rows_at("s", *range(SECOND, 90 * SECOND, SECOND)))
     assert InputReading([other, control]).groups == [[control, other]]
     assert InputReading([control, later]).groups == [[control], [later]]
-    assert InputReading([control, later], pair=True).groups == [[control, later]]
+    assert InputReading([control, later], is_pair=True).groups == [[control, later]]
     assert InputReading([control, same]).groups == [[control], [same]]
 
 
