@@ -60,7 +60,7 @@ from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
 from fte_sniff.session.save import text_writer
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.source import Wiring
     from fte_sniff.protocol.rows import Rows
@@ -401,7 +401,7 @@ class PlainLines(Observer):
     def __init__(
         self,
         wanted: RowFilter | None,
-        alert: Alert | SilenceAlert | None,
+        alert: Alert | None,
         write: Callable[[Rows], None],
     ) -> None:
         """None filters nothing, and alerts to nothing."""

@@ -91,8 +91,6 @@ def command(
             if row_filter is not None:
                 source.selections.append(Selection(row_filter.text, reading.tally.rows))
     print_notes(reading)
-    if row_filter is not None and row_filter.advice:
-        print_err(f"fte-sniff: --filter: {row_filter.advice}")
     print_err(summary(reading.tally, reading, zone=reading.zone))
     exit_if_unreadable(reading)
 

@@ -16,7 +16,7 @@ from fte_sniff.errors import UsageError, quoted
 from fte_sniff.platform import POSIX
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert
     from fte_sniff.formats.writers import OutputFormat
 
 
@@ -68,12 +68,12 @@ grouped_command = partial(click.command, cls=GroupedCommand)
 """As `click.command`, for a command with groups of options."""
 
 
-def _alert(text: str) -> Alert | SilenceAlert:
+def _alert(text: str) -> Alert:
     """The alert of `error != 0`, or of `silence > 5`; raises FilterError if it is invalid."""
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
     found = _SILENCE.fullmatch(text)
-    return SilenceAlert(float(found[1])) if found else Alert(RowFilter.parse(text))
+    return Alert(None, float(found[1])) if found else Alert(RowFilter.parse(text))
 
 
 _SILENCE: Final = re.compile(r"\s*silence\s*>=?\s*(\d+(?:\.\d+)?)\s*", re.IGNORECASE)

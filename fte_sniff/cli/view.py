@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from fte_sniff.analysis.feed import SPEEDS
-from fte_sniff.analysis.filter.row_filter import Alert, SilenceAlert
+from fte_sniff.analysis.filter.row_filter import Alert
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
@@ -46,7 +46,7 @@ from fte_sniff.real_number import RealNumber
 @lang_option
 def command(
     query: InputQuery,
-    alert: Alert | SilenceAlert | None,
+    alert: Alert | None,
     play_speed: float | None,
     following: bool,
     lang: str | None,

@@ -15,7 +15,7 @@ from fte_sniff.session.save import UNKNOWN, ExportSource
 from fte_sniff.tui.cells import TableView
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class StartOptions:
 
     leave_at_end: bool = False
     row_filter: RowFilter | None = None
-    alert: Alert | SilenceAlert | None = None
+    alert: Alert | None = None
     notes: Notes | None = None
     """Notes on the rows; None to keep none."""
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS

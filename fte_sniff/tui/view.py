@@ -21,7 +21,7 @@ from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
 from fte_sniff.tui.shown import Shown
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter, SilenceAlert
+    from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
     from fte_sniff.analysis.findings import Finding
 
 WINDOW_NS: Final = 10_000_000_000
@@ -99,7 +99,7 @@ _PLACED: Final = frozenset(PortEventKind) - {PortEventKind.LINE_ERROR}
 class View:
     """A feed, the store of its rows, those that are shown, and counts over all."""
 
-    def __init__(self, feed: Feed, setup: LineSetup, alert: Alert | SilenceAlert | None) -> None:
+    def __init__(self, feed: Feed, setup: LineSetup, alert: Alert | None) -> None:
         self.store = RowStore()
         self.shown = Shown(self.store)
         self.setup, self.alert = setup, alert

@@ -39,7 +39,7 @@ from fte_sniff.protocol.columns import (
 )
 from fte_sniff.protocol.items import Change, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
-from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, Fault, Role, Status, encode
+from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, encode
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
 
@@ -91,15 +91,16 @@ def _whole(number: pl.Expr) -> pl.Expr:
     return number.cast(pl.Int64, strict=False)
 
 
-def _null_if_zero(divisor: pl.Expr) -> pl.Expr:
-    """A divisor that is null for 0: polars' infinity and NaN are greater than any number."""
-    return pl.when(divisor != 0).then(divisor)
+def _divisor(number: pl.Expr) -> pl.Expr:
+    """Null for 0: polars' infinity and NaN are greater than any number."""
+    return _real(number).replace(0, None)
 
 
 _OPERATORS: Final[Mapping[str, Callable[[Any, Any], pl.Expr]]] = {
     "OR": operator.or_,
     "AND": operator.and_,
     "=": operator.eq,
+    "IS": pl.Expr.eq_missing,
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -109,8 +110,8 @@ _OPERATORS: Final[Mapping[str, Callable[[Any, Any], pl.Expr]]] = {
     "+": lambda left, right: _real(left) + right,
     "-": lambda left, right: _real(left) - right,
     "*": lambda left, right: _real(left) * right,
-    "/": lambda left, right: left / _null_if_zero(right),
-    "%": lambda left, right: _real(left) % _null_if_zero(right),
+    "/": lambda left, right: left / _divisor(right),
+    "%": lambda left, right: _real(left) % _divisor(right),
 }
 PATTERNS: Final = ("LIKE", "ILIKE", "~", "REGEXP", "RLIKE")
 _COMPARISONS: Final = ("=", "!=", "<", "<=", ">", ">=", "IS", "NOT", "IN", "BETWEEN", *PATTERNS)
@@ -122,14 +123,13 @@ _SAME: Final = {"==": "=", "<>": "!=", "&&": "AND", "||": "OR", "!": "NOT"}
 _MIRRORED: Final = {"<": ">", ">": "<", "<=": ">=", ">=": "<="}
 _TOKEN: Final = re.compile(
     r"""\s*(?: (?P<number> (?: 0x[0-9a-f]+ | 0b[01]+ | (?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)? )(?!\w) )
-    | '(?P<text> (?:[^'\ud800-\udfff]|'')* )' | "(?P<quoted> [^"\ud800-\udfff]* )"
-    | `(?P<field> [^`\ud800-\udfff]* )`
+    | (?P<text> '(?:[^'\ud800-\udfff]|'')*' )
+    | (?P<quoted> "[^"\ud800-\udfff]*" | `[^`\ud800-\udfff]*` )
     | (?P<name> [^\W\d]\w* ) | (?P<sign> && | \|\| | [=!<>]= | <> | [-=<>+*/%&|(),!~] )
     | (?P<end> $ ) | (?P<other> . ) )""",
     re.IGNORECASE | re.VERBOSE,
 )
-_TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05' for that time of any day"
-_YEAR_2000_NS: Final = 946_684_800 * 10**9
+_TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05Z' for that time of any day"
 _MOST_TOKENS: Final = 600
 _MOST_NESTED: Final = 26
 """Polars evaluates conditions by recursion: this bounds its stack."""
@@ -158,20 +158,6 @@ class RowFilter:
     def needs_facts(self) -> bool:
         """Whether it reads a column that depends on other rows."""
         return not DERIVED.isdisjoint(self.names)
-
-    @property
-    def advice(self) -> str:
-        """What the user probably wants instead, one line; empty if nothing."""
-        motor, damage = NAME_OF_ROLE[Role.MOTOR], {"status", "faults"}
-        about_damage = damage & self.names and str(Status.OK) not in self.text.lower()
-        if motor not in self.names or not about_damage or self.names & DERIVED:
-            return ""
-        return TranslatableText(
-            "{motor} is empty in most damaged rows; {hint} is the motor that they probably"
-            " belonged to",
-            motor=motor,
-            hint="motor_hint",
-        )
 
     def matches(self, rows: Rows) -> Bools:
         """Whether each row passes; a null does not."""
@@ -226,58 +212,36 @@ ALERT_INTERVAL_S: Final = 1.0
 
 
 class Alert:
-    """Counts the rows that match a filter, and decides when to signal them."""
+    """Decides when to signal rows that match a filter, or silences of wires."""
 
-    silence_s: float | None = None
-
-    def __init__(self, row_filter: RowFilter) -> None:
-        self._filter = StreamFilter(row_filter)
-        self._due_s = -inf
+    def __init__(self, row_filter: RowFilter | None, silence_s: float | None = None) -> None:
+        """Begin without rows; without a filter, silences are signalled."""
+        self._filter = None if row_filter is None else row_filter.stream()
+        self.silence_s, self._due_s = silence_s, -inf
         self.count = 0
+        """The rows that matched."""
         self.last: Row | None = None
+        """The last of them."""
 
-    def observe(self, rows: Rows, now_s: float, _events: Sequence[PortEvent] = ()) -> bool:
+    def observe(self, rows: Rows, now_s: float, events: Sequence[PortEvent] = ()) -> bool:
         """Count the next rows; returns whether to signal now, by any monotonic clock, seconds."""
-        if not len(rows):  # most polls of a quiet line
-            return False
-        (matching,) = self._filter.matches(rows).nonzero()
+        if self._filter is None:
+            return any(event.kind is PortEventKind.SILENT for event in events)
+        matching = self._filter.select(rows)
         if not len(matching):
             return False
         self.count += len(matching)
-        self.last = rows[int(matching[-1])]
+        self.last = matching[-1]
         is_due = now_s >= self._due_s
         if is_due:
             self._due_s = now_s + ALERT_INTERVAL_S
         return is_due
 
 
-class SilenceAlert:
-    """Counts the silences of wires, and signals each."""
-
-    last: Row | None = None
-    count = 0
-
-    def __init__(self, silence_s: float) -> None:
-        self.silence_s = silence_s
-
-    def observe(self, _rows: Rows, _now_s: float, events: Sequence[PortEvent] = ()) -> bool:
-        """Count the silences among the next events; returns whether to signal now."""
-        found = sum(event.kind is PortEventKind.SILENT for event in events)
-        self.count += found
-        return found > 0
-
-
-def _test_rows() -> Rows:
-    """Rows of every kind with the lowest and highest values, and a row without values."""
-    found = [Row("port", 0, b"\0", None, (Fault.NOISE, Fault.LINE_ERROR), framed=False)]
-    for kind in KINDS:
-        for end in ("low", "high"):
-            values = {field.name: getattr(field, end) for field in kind.fields}
-            found.append(Row("port", 0, encode(kind, values), 0))
-    return Rows.of(found)
-
-
-_TEST_ROWS: Final = _test_rows()
+_TEST_ROWS: Final = Rows.of(
+    Row("port", 0, encode(kind, {one.name: one.high for one in kind.fields}), 0) for kind in KINDS
+)
+"""A row of every kind."""
 
 
 class _Token(NamedTuple):
@@ -307,8 +271,6 @@ class _Term:
     """The text, if it is one in quotes or a word: the column decides its meaning."""
     is_condition: bool = False
     """A word alone, such as `noise`, is true for rows that have it."""
-    number: float = inf
-    """The value of a plain number."""
 
     @property
     def is_null(self) -> pl.Expr:
@@ -329,10 +291,11 @@ class _Parser:
             if kind == "other" or number == _MOST_TOKENS:
                 what = "this has no meaning in a filter" if kind == "other" else "too long"
                 raise self._mistake(start, what)
-            content = match[kind].replace("''", "'")
-            start -= kind in ("text", "quoted", "field")
-            if kind in ("quoted", "field"):
-                kind = "name" if content.lower() in COLUMN_BY_NAME else "text"
+            content = match[kind]
+            if kind in ("text", "quoted"):
+                content = content[1:-1].replace("''", "'")
+                is_field = kind == "quoted" and content.lower() in COLUMN_BY_NAME
+                kind = "name" if is_field else "text"
             yield _Token(kind, content, start)
 
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
@@ -364,9 +327,6 @@ class _Parser:
 
     def parse(self) -> pl.Expr:
         """The whole filter."""
-        if self._token.kind == "end":
-            fix = "write a condition, as in motor = 1 AND rpm > 500"
-            raise self._mistake(0, "it is empty", fix)
         found = self._condition(self._joined())
         if self._token.kind != "end":
             fix = "join conditions with AND or OR"
@@ -411,7 +371,9 @@ class _Parser:
             if self._accept("DISTINCT"):
                 self._expect("FROM")
                 negated = not negated
-            return self._is(left) ^ negated
+            is_null = bool(self._accept("NULL"))
+            found = left.is_null if is_null else self._compare(left, "IS", self._value())
+            return ~found if negated else found
         negated = bool(self._accept("NOT"))
         symbol = self._accept(*_COMPARISONS)
         if symbol == "IN":
@@ -429,13 +391,6 @@ class _Parser:
             raise self._mistake(self._token.start, "IN, BETWEEN or LIKE is missing after NOT")
         return ~found if negated else found
 
-    def _is(self, left: _Term) -> pl.Expr:
-        """Equality in which a null equals a null."""
-        if self._accept("NULL"):
-            return left.is_null
-        right = self._value()
-        return self._compare(left, "=", right).fill_null(left.is_null & right.is_null)
-
     def _compare(self, left: _Term, symbol: str, right: _Term) -> pl.Expr:
         if left.column is None and right.column is not None:
             left, right, symbol = right, left, _MIRRORED.get(symbol, symbol)
@@ -448,8 +403,6 @@ class _Parser:
             if left.is_condition != right.is_condition:
                 at = left.start if left.is_condition else right.start
                 raise self._mistake(at, "a condition is compared with a value")
-            if column and column.type is ColumnType.TIME and right.number < _YEAR_2000_NS:
-                raise self._mistake(right.start, "this is a time before the year 2000", _TIME_FIX)
             return own, right.expr
         match column.type:
             case ColumnType.TIME:
@@ -458,31 +411,29 @@ class _Parser:
                 return own, pl.lit(self._hex(right, ""))
             case ColumnType.TEXT:
                 return own, pl.lit(text)
-            case ColumnType.WORD | ColumnType.WORDS:
-                word = text.strip().lower()
-                if symbol != "=":
-                    raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
-                if column.type is ColumnType.WORDS and not word:
-                    return left.is_null, pl.lit(True)
-                if word not in column.words:
-                    what = f"{column.name} is never '{printable(word)}'"
-                    raise self._mistake(right.start, what, nearest(word, column.words))
-                is_list = column.type is ColumnType.WORDS
-                return (own.list.contains(word), pl.lit(True)) if is_list else (own, pl.lit(word))
+            case _ if column.words and symbol not in ("=", "IS"):
+                raise self._mistake(right.start, f"{column.name} has no order", "use = or !=")
+            case ColumnType.WORD:
+                return own, pl.lit(self._word(column, right))
+            case ColumnType.WORDS:
+                has = own.list.contains(self._word(column, right)) if text else left.is_null
+                return has, pl.lit(True)
         raise self._mistake(right.start, f"{column.name} is a number", "write it without quotes")
+
+    def _word(self, column: Column, literal: _Term) -> str:
+        word = (literal.text or "").strip().lower()
+        if word not in column.words:
+            what = f"{column.name} is never '{printable(word)}'"
+            raise self._mistake(literal.start, what, nearest(word, column.words))
+        return word
 
     def _times(self, own: pl.Expr, text: str, start: int) -> tuple[pl.Expr, pl.Expr]:
         """A column and a time; the time of day of both, if it has no date."""
-        if clock := clock_time(text):
-            own, t_ns = own % DAY_NS, clock.since_midnight_ns(self._zone)
-            if t_ns is None:
-                what = f"the offset of '{printable(text)}' depends on the season"
-                raise self._mistake(start, what, "write it, as in '12:00:05+01:00'")
-        else:
-            t_ns = time_ns(text, self._zone)
-            if t_ns is None or abs(t_ns) >= 2**63:
-                raise self._mistake(start, "this is not a time", _TIME_FIX)
-        return own, pl.lit(t_ns, pl.Int64)
+        clock = clock_time(text)
+        t_ns = clock.since_midnight_ns(self._zone) if clock else time_ns(text, self._zone)
+        if t_ns is None or abs(t_ns) >= 2**63:
+            raise self._mistake(start, "this is not a time", _TIME_FIX)
+        return own % DAY_NS if clock else own, pl.lit(t_ns, pl.Int64)
 
     def _like(self, left: _Term, symbol: str, pattern: _Term) -> pl.Expr:
         of, own, found = left.column and left.column.type, left.expr, pattern.text
@@ -495,15 +446,7 @@ class _Parser:
             anything = "(?:..)*" if is_hex else ".*"
             inner = re.escape(self._hex(pattern, "_") if is_hex else found)
             found = f"^(?s:{inner.replace('_', '.').replace('%', anything)})$"
-        found = f"(?i){found}" if is_hex or symbol == "ILIKE" else found
-        try:
-            pl.select(pl.lit("").str.contains(found))
-        except _REFUSED:
-            what = "the regular expression is not valid"
-            raise self._mistake(
-                pattern.start, what, "a special character needs \\ before it"
-            ) from None
-        return own.str.contains(found)
+        return own.str.contains(f"(?i){found}" if is_hex or symbol == "ILIKE" else found)
 
     def _hex(self, literal: _Term, wildcards: str) -> str:
         digits = "".join((literal.text or "").split()).upper()
@@ -527,8 +470,7 @@ class _Parser:
             inner = self._condition(self._joined(_COMPARISON))
             found = _Term(~inner, start, is_condition=True)
         elif self._accept("-"):
-            negative = self._operand()
-            found = _Term(-negative.expr, start, number=-negative.number)
+            found = _Term(-self._operand().expr, start)
         elif self._accept("("):
             found = replace(self._joined(), start=start)
             self._expect(")")
@@ -578,8 +520,7 @@ class _Parser:
         value = int(text, base) if is_whole else float(text)
         if value >= (2**63 if is_whole else inf):
             raise self._mistake(token.start, "this number is too large")
-        expr = pl.lit(value, pl.Int64 if is_whole else pl.Float64)
-        return _Term(expr, token.start, number=value)
+        return _Term(pl.lit(value, pl.Int64 if is_whole else pl.Float64), token.start)
 
     def _call(self, name: str, start: int) -> _Term:
         items = self._arguments()
