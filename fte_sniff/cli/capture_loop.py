@@ -86,7 +86,7 @@ def capture(
 
     code = 0
     session = LiveSession(plan, observe)
-    ending = partial(ending_signals, session.stop, numbers, session.hurry)
+    ending = partial(ending_signals, session.interrupt, numbers)
     with ExitStack() as handlers:
         handlers.enter_context(ending())
         if drive is not None:  # on another core, the capture process starts meanwhile
@@ -109,9 +109,8 @@ def capture(
                         code = drive(session)
             finally:
                 if drive is not None:
-                    # A stopped terminal may not block the exit either.
-                    request_end = handlers.enter_context(ending())
-                    request_end()
+                    begin_end = handlers.enter_context(ending())
+                    begin_end()  # a stopped terminal may not block the exit either
                 session.stop()
                 _drain(session)
                 session.close()

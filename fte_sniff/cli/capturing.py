@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, tzinfo
@@ -53,7 +52,7 @@ from fte_sniff.formats.writers import (
     OutputFormat,
 )
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
-from fte_sniff.protocol.items import PortEvent, PortEventKind
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, Role
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
@@ -73,7 +72,7 @@ if TYPE_CHECKING:
 _SIZE = re.compile(r"(0(?=$)|[0-9]{1,9}(?:\.[0-9]{1,9})?(?=\s*[kmgt]?b))\s*(?:([kmgt]?)b)?", re.I)
 """A number with a unit; only 0 needs none."""
 _MOST_SECONDS = 10**9
-_MIN_FILE = 100_000
+_MIN_KEPT = 100_000
 
 
 def _size(text: str) -> int:
@@ -202,11 +201,9 @@ def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
     found = RecordingOptions(
         **given.rotate or {}, keep_bytes=given.max_size, min_free_bytes=given.min_free
     )
-    for option, size in (("--rotate", found.rotate_bytes), ("--max-size", found.keep_bytes)):
-        if size is not None and size < _MIN_FILE:
-            raise UsageError(f"{option}: a file has at least {_MIN_FILE // 1000} kB")
-    if found.keep_bytes is not None and found.keep_bytes < 2 * (found.rotate_bytes or 0):
-        raise UsageError("--max-size must have room for two files of --rotate; raise it")
+    least = max(_MIN_KEPT, 2 * (found.rotate_bytes or 0))
+    if found.keep_bytes is not None and found.keep_bytes < least:
+        raise UsageError(f"--max-size must be at least {size_text(least)}: two files; raise it")
     path, existing = output, Existing.REPLACE if given.force else Existing.REFUSE
     if path is None:
         path, existing = Path(f"fte-sniff-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.mcap"), Existing.NUMBER
@@ -253,7 +250,6 @@ def run_capture(
     signals = tuple(one for one in ENDING_SIGNALS if one not in kept)
     drive, observers = None, list[Observer]()
     if given.headless:
-        _check_headless(given)
         names = printable(" and ".join(plan.wiring.names))
         observers.append(CaptureReport(plan, zone, f"capturing {names}, recording to"))
     elif (
@@ -290,8 +286,8 @@ def run_capture(
             warnings=settings.trouble,
             zone=zone,
         )
-        screen = Screen(start)
-        observers += [screen, CaptureReport(plan, zone)]
+        screen = Screen(plan, start)
+        observers.append(screen)
         drive = screen.show
     is_network = settings.live.get("network", False)
     if given.udp is not None:
@@ -304,16 +300,6 @@ def run_capture(
     sys.exit(capture(plan, observers, signals, drive))
 
 
-def _check_headless(given: SimpleNamespace) -> None:
-    """Raise UsageError for options of rows that are not shown."""
-    others = {"--plain": given.plain, "--format": given.form, "--columns": given.columns}
-    others |= {"--filter": given.filter_text, "--alert": given.alert}
-    if named := [name for name, value in others.items() if value]:
-        raise UsageError(f"--headless shows no rows; leave out {named[0]}")
-    if given.no_record:
-        raise UsageError("--headless records to files; leave out --no-record")
-
-
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN})
 """Events whose detail names what happened."""
@@ -322,27 +308,20 @@ _SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEve
 class CaptureReport(Observer):
     """Prints where the capture goes, its port events and problems, and the summary at the end."""
 
-    def __init__(
-        self, plan: CapturePlan, zone: tzinfo | None = None, intro: str | None = None
-    ) -> None:
-        """`intro` is before the name of the recording; None prints only the end."""
+    def __init__(self, plan: CapturePlan, zone: tzinfo | None, intro: str | None = None) -> None:
+        """`intro` is before the name of each file; None prints only the end."""
         self._plan, self._zone, self._intro = plan, zone or UTC, intro
         self._tally = Tally()
-        self._events: Counter[PortEventKind] = Counter()
-        self._failure = ""
-        self._recording: str | None = None
+        self._printed = set[str]()
         self._is_wrong = False
         """Whether a row is damaged, or has an error flag."""
 
     def begun(self, session: LiveSession) -> None:
         """Print the file, and what a user may have to do."""
-        state = session.capture
-        self._recording = state.recording
-        if self._intro is not None:
-            if state.device is not None:
-                print_err(f"a host program can open {printable(state.device)}")
-            if not self._plan.is_temporary:
-                print_err(f"{self._intro} {state.recording}")
+        device = session.capture.device
+        if device is not None and self._intro is not None:
+            print_err(f"a host program can open {printable(device)}")
+        self._print_news(session.capture)
         if self._plan.outlives_view:
             pid = session.capture_pid
             print_err(f"the capture continues if this view is killed; `kill {pid}` ends it then")
@@ -352,47 +331,33 @@ class CaptureReport(Observer):
         rows = update.rows
         self._tally.observe(rows)
         self._is_wrong |= bool(rows.faults.any() or rows.field(NAME_OF_ROLE[Role.ERRORS])[0].any())
+        for event in update.events if self._intro is not None else ():
+            if event.kind not in _EXPECTED_EVENTS:
+                kind = "" if event.kind in _SELF_EXPLAINED else f" {event.kind.replace('_', ' ')}"
+                print_err(f"{event.port}{kind}{event.detail and f': {event.detail}'}")
+        self._print_news(session.capture)
+
+    def _print_news(self, state: CaptureState) -> None:
+        """Print an error of a capture that goes on, and the name of its file, each once."""
         if self._intro is None:
             return
-        for event in update.events:
-            self._print_event(event)
-        state = session.capture
-        if not state.is_ended and state.error and str(state.error) != self._failure:
-            self._failure = str(state.error)
-            print_err(self._failure)
-        if state.recording not in (None, self._recording) and not self._plan.is_temporary:
-            self._recording = state.recording
-            print_err(f"recording goes on in {state.recording}")
+        lines = [str(state.error)] if state.error is not None and not state.is_ended else []
+        if state.recording is not None and not self._plan.is_temporary:
+            lines.append(f"{self._intro} {state.recording}")
+        for line in lines:
+            if line not in self._printed:
+                self._printed.add(line)
+                print_err(line)
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary, and the files that were recorded."""
-        state = session.capture
-        if self._events:
-            kinds = ", ".join(f"{kind} {count:,}" for kind, count in self._events.items())
-            print_err(f"port events: {kinds}")
         print_err(summary(self._tally, zone=self._zone))
-        if state.kept_from and state.recording and not self._plan.is_temporary:
-            if self._is_wrong and len(state.recordings) == 1:
-                print_err(f"what is wrong, and when: fte-sniff findings {quote(state.recording)}")
-            _print_recording(state, state.kept_from, state.recording)
-
-    def _print_event(self, event: PortEvent) -> None:
-        if event.kind not in _EXPECTED_EVENTS:
-            self._events[event.kind] += 1
-            detail = f": {event.detail}" if event.detail else ""
-            kind = "" if event.kind in _SELF_EXPLAINED else f" {event.kind.replace('_', ' ')}"
-            print_err(f"{event.port}{kind}{detail}")
-
-
-def _print_recording(state: CaptureState, first: str, last: str) -> None:
-    several = f"{first} to " if first != last else ""
-    gone = ""
-    if count := state.deleted_files:
-        files = f"{count:,} older file{'s' * (count != 1)}"
-        gone = f"; {files} with {state.deleted_rows:,} rows deleted (--max-size)"
-    there = sum(Path(path).exists() for path in state.recordings)
-    number = f", {there} files" if there > 1 else ""
-    print_err(f"recorded to {several}{last}{number}{gone}")
+        recordings = () if self._plan.is_temporary else session.capture.recordings
+        if files := [path for path in recordings if Path(path).exists()]:
+            if self._is_wrong and len(files) == 1:
+                print_err(f"what is wrong, and when: fte-sniff findings {quote(files[0])}")
+            several = (f"{files[0]} to ", f", {len(files)} files") if files[1:] else ("", "")
+            print_err(f"recorded to {several[0]}{files[-1]}{several[1]}")
 
 
 class PlainLines(Observer):
@@ -425,10 +390,11 @@ class PlainLines(Observer):
         sys.stdout.flush()
 
 
-class Screen(Observer):
-    """The screen; it polls the capture itself, and prints at the end where notes were saved."""
+class Screen(CaptureReport):
+    """The screen; it polls the capture itself, and prints at the end where all is saved."""
 
-    def __init__(self, options: StartOptions) -> None:
+    def __init__(self, plan: CapturePlan, options: StartOptions) -> None:
+        super().__init__(plan, options.zone)
         self._options = options
         self._notes: Notes | None = None
 
@@ -445,6 +411,7 @@ class Screen(Observer):
         return run_screen(session, replace(self._options, notes=self._notes))
 
     def ended(self, session: LiveSession) -> None:
-        """Print where the notes were saved."""
+        """Print the end of the capture, and where the notes were saved."""
+        super().ended(session)
         if self._notes is not None:
             print_saved(self._notes)

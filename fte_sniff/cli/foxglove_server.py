@@ -17,6 +17,7 @@ import logging
 import re
 import socket
 import struct
+import sys
 from base64 import b64encode
 from collections.abc import Collection, Coroutine, Sequence
 from contextlib import suppress
@@ -25,7 +26,6 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from fte_sniff.cli.capture_loop import Observer, in_order
-from fte_sniff.cli.options import install_command
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, reason_of
 from fte_sniff.protocol.items import PortEvent
@@ -86,7 +86,7 @@ class FoxgloveServer(Observer):
             import websockets.asyncio.server  # noqa: F401
         except ImportError:
             raise UsageError(
-                f"--serve needs the package websockets: {install_command('foxglove')}"
+                f"--serve needs websockets: `{sys.executable} -m pip install websockets`"
             ) from None
         self._origins, self._name = origins, address[0]
         keys = ((port, topic.name) for port in ports for topic in TOPICS)

@@ -61,11 +61,7 @@ class LazyGroup(click.Group):
             # os.path.exists is False, and raises no error, where a folder is closed.
             if os.path.exists(name):  # noqa: PTH110
                 return "view", self.get_command(ctx, "view"), args
-            from difflib import get_close_matches
-
-            swapped = [known for known in COMMANDS if sorted(known) == sorted(name)]
-            near = swapped or get_close_matches(name, COMMANDS, 1)
-            ctx.fail(f"No such command '{name}'." + (f" Did you mean {near[0]}?" if near else ""))
+            raise click.exceptions.NoSuchCommand(name, possibilities=COMMANDS, ctx=ctx)
         return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:

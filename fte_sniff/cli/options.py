@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from math import inf
@@ -152,19 +151,6 @@ def require_pseudo_terminals(command: str, instead: str) -> None:
             f"{command} needs pseudo-terminals, which Windows does not have: use it in WSL; "
             f"{instead}"
         )
-
-
-def install_command(extra: str) -> str:
-    """The command that adds the packages of an extra to this environment.
-
-    It names the packages themselves, because fte-sniff is on no package index.
-    """
-    import shlex
-    from importlib.metadata import requires  # slow
-
-    mark = f'"{extra}"'
-    needs = [need.split(";")[0].strip() for need in requires("fte-sniff") or () if mark in need]
-    return shlex.join([sys.executable, "-m", "pip", "install", *needs])
 
 
 DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"

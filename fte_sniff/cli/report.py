@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from fte_sniff.cli.input_files import InputQuery, input_options, output_options
 from fte_sniff.cli.measuring import finish, headline, measure
-from fte_sniff.cli.options import grouped_command, install_command
+from fte_sniff.cli.options import grouped_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError, printable, unwritable
@@ -35,8 +36,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         from fte_sniff.cli.report_page import counted, page, title_of
     except ModuleNotFoundError as error:
         raise UsageError(
-            f"report needs {error.name}, which is not installed; install it with"
-            f" `{install_command('report')}`"
+            f"report needs {error.name}: `{sys.executable} -m pip install {error.name}`"
         ) from error
     from fte_sniff.analysis.findings import find
     from fte_sniff.cli.stats import report_lines

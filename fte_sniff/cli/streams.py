@@ -8,7 +8,6 @@ terminal as it was.
 from __future__ import annotations
 
 import atexit
-import errno
 import io
 import mmap
 import os
@@ -27,16 +26,12 @@ import click
 from fte_sniff.errors import FileError, printable, reason_of
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, POSIX
 
-if POSIX:
-    import resource
-
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
 
     from fte_sniff.session.inputs import Progress
 
 
-_LEAST_FILES = 16
 _LEAST_MEMORY = 400 << 20
 _LEAST_MEMORY_PER_CORE = 40 << 20
 """For a buffer and the stack of a thread."""
@@ -68,12 +63,7 @@ class _Output(io.FileIO):
 
 
 def prepare_streams() -> None:
-    """Make the standard streams usable even if some were closed at start.
-
-    Raises OSError if so few files may be open that libraries would crash.
-    """
-    if POSIX and resource.getrlimit(resource.RLIMIT_NOFILE)[0] < _LEAST_FILES:
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+    """Make the standard streams usable even if some were closed at start."""
     for descriptor, flags in enumerate((os.O_RDONLY, os.O_RDONLY, os.O_WRONLY)):
         try:
             os.fstat(descriptor)
@@ -171,59 +161,40 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    def on_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
-        # Raised in a finalizer, KeyboardInterrupt would be printed and dropped.
-        if isinstance(unraisable.exc_value, KeyboardInterrupt):
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            signal.raise_signal(signal.SIGINT)
-        previous_hook(unraisable)
-
-    previous_hook = sys.unraisablehook
+    signal.signal(signal.SIGINT, interrupt)
     try:
-        sys.unraisablehook = on_unraisable
-        signal.signal(signal.SIGINT, interrupt)
         yield
     finally:
         if signal.getsignal(signal.SIGINT) is interrupt:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-        sys.unraisablehook = previous_hook
 
 
 @contextmanager
 def ending_signals(
     stop: Callable[[], None],
     numbers: Sequence[signal.Signals] = ENDING_SIGNALS,
-    hurry: Callable[[], None] | None = None,
 ) -> Iterator[Callable[[], None]]:
     """Context in which Ctrl-C, SIGTERM and a closed terminal request a clean end.
 
-    After the first request, further signals are ignored, also after this context. Nothing may block
-    the end either: after `OUTPUT_PATIENCE_S` blocked outputs are abandoned and `stop` is called
-    again every second. The context's value requests the end as a signal does. A SIGHUP that is
-    ignored, as with nohup, stays ignored.
-
-    Args:
-        stop: called at each request; must be safe in a signal handler.
-        numbers: the signals.
-        hurry: called after `stop` for each signal, to skip optional work.
+    Each signal calls `stop`, which must be safe in a signal handler. After the first one nothing
+    may block the end: `OUTPUT_PATIENCE_S` later blocked outputs are abandoned, and signals after
+    this context are ignored. The context's value is called where the end comes without a signal. A
+    SIGHUP that is ignored, as with nohup, stays ignored.
     """
     requested = False
 
-    def request(*_: object) -> None:
+    def begin_end() -> None:
         nonlocal requested
         if POSIX and not requested:
             signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
         requested = True
-        stop()
 
     def on_signal(*_: object) -> None:
-        request()
-        if hurry is not None:
-            hurry()
+        begin_end()
+        stop()
 
     def on_alarm(*_: object) -> None:
         abandon_blocked()
-        stop()
 
     ignored = [number for number in HANG_UP if signal.getsignal(number) is signal.SIG_IGN]
     handlers: dict[signal.Signals, Callable[..., None]]
@@ -232,12 +203,12 @@ def ending_signals(
         handlers[signal.SIGALRM] = on_alarm
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        yield request
+        yield begin_end
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_IGN if requested else handler)
         if POSIX and requested:
-            signal.signal(signal.SIGALRM, lambda *_: abandon_blocked())
+            signal.signal(signal.SIGALRM, on_alarm)
             # During interpreter shutdown no Python handler runs; SIGALRM would kill.
             atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
 

@@ -111,9 +111,8 @@ def command(
     )
     with closing(session):
         code = run_screen(session, opening)
-    with ending_signals(session.stop) as request_end:
-        # A stopped terminal may not block the exit.
-        request_end()
+    with ending_signals(session.stop) as begin_end:
+        begin_end()  # a stopped terminal may not block the exit
         print_notes(reading)
         print_saved(notes)
     if session.error is not None:

@@ -146,11 +146,12 @@ class LiveSession(ItemFeed):
             self._process.terminate()
         send(self._process, b"stop")
 
-    def hurry(self) -> None:
-        """Kill a capture whose end waits for what `CaptureState.backlog` reports; returns at once.
+    def interrupt(self) -> None:
+        """Stop; kill a capture whose end waits for what `CaptureState.backlog` reports.
 
-        The end states what is not in the recording.
+        Returns at once. The end states what is not in the recording.
         """
+        self.stop()
         if self.capture.backlog is not None:
             self._kill(_ENDED_EARLY)
 

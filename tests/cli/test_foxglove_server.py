@@ -281,7 +281,7 @@ def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) 
     with started(environment, tmp_path, "live", SIM, "--headless", "--serve") as capture:
         code, _, errors = ended(capture)
     assert code == 2
-    assert "--serve needs the package websockets: " in errors
+    assert "--serve needs websockets: " in errors
     assert re.search(r"install .*websockets", errors)
     assert errors.count("\n") == 1
 

@@ -1,25 +1,13 @@
-"""The language of filters is explained; the command that installs an extra fits the environment."""
+"""The language of filters is explained; help of live lists its options."""
 
 from __future__ import annotations
 
 import re
-import shlex
-import sys
 
 import pytest
 
 from fte_sniff.analysis.filter.terms import FILTER_HELP
 from fte_sniff.cli import live
-from fte_sniff.cli.options import install_command
-
-
-@pytest.mark.parametrize(("extra", "package"), [("report", "bokeh"), ("cluster", "distributed")])
-def test_the_command_names_the_packages_with_their_versions(extra: str, package: str) -> None:
-    words = shlex.split(install_command(extra))
-    assert words[:4] == [sys.executable, "-m", "pip", "install"]
-    assert words[-1].startswith(package)
-    assert ">=" in words[-1]
-    assert not any("fte-sniff" in word for word in words[1:])
 
 
 @pytest.mark.parametrize("text", ["help", " HELP "])
