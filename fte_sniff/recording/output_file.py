@@ -45,21 +45,21 @@ def file_names(wanted: Path, existing: Existing = Existing.NUMBER) -> Iterator[P
 
 
 class OutputFile:
-    """A new file with a private name, which is locked, until `commit` gives it its name."""
+    """A new file, which is locked, with a private name until it is complete: see `created`."""
 
-    def __init__(self, path: Path, existing: Existing, mode: int = 0o666) -> None:
+    def __init__(self, path: Path, existing: Existing, mode: int) -> None:
         """A file that `create` makes."""
         self.path = path
-        """The file's name once `commit` was called."""
-        self._existing, self._mode, self._is_named = existing, mode, False
+        """The file's name once it is complete."""
+        self._existing, self._mode = existing, mode
         self.descriptor = _CLOSED
         self.made = path.parent / f".fte-sniff-{token_hex(8)}.part"
-        """The name that the file has until `commit`; nobody else has it."""
+        """The name that the file has before; nobody else has it."""
         self.identity: KnownFile | None = None
         """What the file is, once it is closed."""
 
     def create(self) -> None:
-        """Make the file, empty; `discard` deletes it, also if this is interrupted.
+        """Make the file, empty.
 
         Raises OSError if another file has the name, or the system refuses it; FileError if another
         program records to the file, or it is not a regular file.
@@ -106,9 +106,9 @@ class OutputFile:
             self.made.replace(self.path)
         else:
             self.path = self._link()
-        self._is_named = True
         if not POSIX:
             self._open(self.path)
+            self.identity = None
         sync_folder(self.path.parent)
 
     def _link(self) -> Path:
@@ -126,21 +126,9 @@ class OutputFile:
                 return path
         raise FileExistsError
 
-    def discard(self) -> None:
-        """Close the file, and delete it unless it has its name; what it was to replace is kept."""
-        self.close()
-        if not self._is_named:
-            with suppress(OSError):
-                self.made.unlink()
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the file was made, and is not closed."""
-        return self.descriptor != _CLOSED
-
     def close(self) -> None:
         """Close the file, which also unlocks it. Closing again does nothing."""
-        if self.is_open:
+        if self.descriptor != _CLOSED:
             self.identity = KnownFile.of(self.path, os.fstat(self.descriptor))
             os.close(self.descriptor)
             self.descriptor = _CLOSED
@@ -158,13 +146,20 @@ class OutputFile:
 
 @contextmanager
 def created(path: Path, existing: Existing, mode: int = 0o666) -> Iterator[OutputFile]:
-    """A new file, which is discarded after an error; raises FileError for an OSError too."""
+    """A new file, which gets its name at the end of the block, and stays open.
+
+    After an error, also an interruption, there is no file, and what it was to replace is kept.
+    Raises FileError if the system refuses the file, or anything in the block.
+    """
     file = OutputFile(path, existing, mode)
     try:
         file.create()
         yield file
+        file.commit()
     except BaseException as error:
-        file.discard()
+        file.close()
+        with suppress(OSError):
+            file.made.unlink()
         if isinstance(error, OSError):
             raise unwritable(path, error) from error
         raise
@@ -185,15 +180,11 @@ class KnownFile(NamedTuple):
         return cls(path, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
 
     def delete(self) -> bool:
-        """Delete the file; False if the path leads to another one, a link, or none: those stay.
+        """Delete the file; False if the path leads to another one, or is a link: those stay.
 
-        Raises OSError if it cannot be deleted.
+        Raises OSError if there is none, or it cannot be deleted.
         """
-        try:
-            found = self.path.lstat()
-        except (FileNotFoundError, NotADirectoryError):
-            return False
-        if not stat.S_ISREG(found.st_mode) or KnownFile.of(self.path, found) != self:
+        if KnownFile.of(self.path, self.path.lstat()) != self:
             return False
         self.path.unlink()
         sync_folder(self.path.parent)

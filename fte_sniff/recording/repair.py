@@ -67,7 +67,6 @@ class Repair:
         """Write what can be read to a new file; raises FileError if that fails."""
         with created(output, existing) as target:
             self._copy(target.descriptor)
-            target.commit()
         target.close()
 
     def _copy(self, descriptor: int) -> None:

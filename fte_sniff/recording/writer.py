@@ -391,7 +391,6 @@ class RecordingWriter:
         self._encoder = Encoder(ports, facts or {})
         with created(path, existing) as self._output:
             self._file = AppendFile(self._output, self._encoder.head, self._encoder.tail)
-            self._output.commit()
         self.path = self._output.path
         """The file's name."""
 
@@ -427,7 +426,7 @@ class RecordingWriter:
 
         Closing again does nothing.
         """
-        if self._output.is_open:
+        if self.identity is None:
             try:
                 self.flush()
                 self._append(b"", self._encoder.summary(self._file.end))

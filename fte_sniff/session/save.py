@@ -80,11 +80,13 @@ def exported(
     options: dict[str, Any] = {"mode": "wb"}
     if form not in _FORMS:
         options = {"mode": "w", "encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
-    with created(path, existing) as file:
-        with file.made.open(**options) as stream, writing(form, stream, source) as write:
-            yield write
-        file.commit()
-        file.close()
+    with (
+        created(path, existing) as file,
+        file.made.open(**options) as stream,
+        writing(form, stream, source) as write,
+    ):
+        yield write
+    file.close()
 
 
 def text_writer(
@@ -256,8 +258,7 @@ def replace_file(path: Path, content: bytes, mode: int = 0o666) -> None:
     """
     with created(path, Existing.REPLACE, mode) as file:
         file.made.write_bytes(content)
-        file.commit()
-        file.close()
+    file.close()
 
 
 def replace_text(path: Path, text: str) -> None:
