@@ -24,9 +24,6 @@ if POSIX:
 Counters: TypeAlias = Callable[[], LineErrorCounts | None]
 """Reads what the driver has counted so far; each count is a 32-bit number that wraps."""
 
-Spans: TypeAlias = tuple[tuple[int, int], ...]
-"""Ranges of bytes, each as (start, end), `end` excluded."""
-
 REPORT_NS: Final = 1_000_000_000
 """Least time between two reports: a wrong baud causes an error with every byte."""
 
@@ -42,22 +39,21 @@ class LineErrors:
         """Start now; errors that were counted before are ignored. `name` is that of the events."""
         self._name, self._counters = name, counters
         self._counted = self._reported = counters()
-        self.are_counted = self._counted is not None
         self._reported_ns = -REPORT_NS
 
     @property
     def description(self) -> TranslatableText:
         """Whether errors are available, as text for users."""
-        if self.are_counted:
-            return TranslatableText("line errors counted")
-        return TranslatableText("line errors unavailable")
+        if self._counted is None:
+            return TranslatableText("line errors unavailable")
+        return TranslatableText("line errors counted")
 
-    def spans(self, data: bytes) -> Spans:
-        """Where errors may be in what was just read: everywhere, or nowhere."""
+    def came(self) -> bool:
+        """Whether errors were counted since the last call."""
         if self._counted is None or (now := self._counters()) in (None, self._counted):
-            return ()
+            return False
         self._counted = now
-        return ((0, len(data) + 1),)
+        return True
 
     def report(self, now_ns: int, *, at_end: bool = False) -> tuple[PortEvent, ...]:
         """The errors since the last report: the first at once, then at most every REPORT_NS."""

@@ -65,10 +65,8 @@ def connect_port(
 
     def received() -> Iterable[Item]:
         data, now_ns = read(), clock.now_ns()
-        if not errors.are_counted:
-            return (Chunk(name, now_ns, data),)
-        spans = errors.spans(data)
-        return *errors.report(now_ns), Chunk(name, now_ns, data, spans)
+        chunk = Chunk(name, now_ns, data, errors.came())
+        return *errors.report(now_ns), chunk
 
     def close() -> Iterable[Item]:
         port.close()

@@ -17,6 +17,7 @@ import re
 import select
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -243,19 +244,6 @@ def request_low_latency(port: serial.Serial) -> TranslatableText:
     return TranslatableText("low latency granted")
 
 
-def driver_folder(device: str, sys_tty: Path = _SYS_TTY) -> Path:
-    """Where Linux publishes what the driver of a device is set to."""
-    return sys_tty / Path(device).resolve().name / "device"
-
-
-def latency_timer_ms(folder: Path) -> int | None:
-    """The latency timer of a USB adapter, milliseconds; None if it has none."""
-    try:
-        return int((folder / "latency_timer").read_text())
-    except (OSError, ValueError):
-        return None
-
-
 # Parts of the largest latency:
 HOST_NS: Final = 1_000_000  # until this program runs after bytes have arrived
 USB_FRAME_NS: Final = 1_000_000  # polling interval of a full-speed USB host
@@ -268,10 +256,12 @@ def max_latency_ns(port: serial.Serial, sys_tty: Path = _SYS_TTY) -> int:
     device = device_of(port)
     if device is None:
         return HOST_NS + NETWORK_LATENCY_NS * is_network(port.port or "")
-    folder = driver_folder(device, sys_tty)
+    folder = sys_tty / Path(device).resolve().name / "device"
     if POSIX and not folder.exists():
         return HOST_NS  # a pseudo-terminal
     if POSIX and not (folder / "subsystem").resolve().name.startswith("usb"):
         return HOST_NS + FIFO_BYTES * byte_time_ns(port.baudrate)
-    timer_ms = latency_timer_ms(folder)
-    return HOST_NS + USB_FRAME_NS + (USB_UNKNOWN_NS if timer_ms is None else timer_ms * 1_000_000)
+    timer_ns = USB_UNKNOWN_NS
+    with suppress(OSError, ValueError):
+        timer_ns = int((folder / "latency_timer").read_text()) * 1_000_000
+    return HOST_NS + USB_FRAME_NS + timer_ns

@@ -9,6 +9,7 @@ frame.
 
 from __future__ import annotations
 
+from math import inf
 from typing import Final
 
 from fte_sniff.errors import TranslatableText
@@ -23,60 +24,49 @@ FEW_BYTES: Final = 30
 
 
 class SilenceWatch:
-    """Observes one wire; `observe` and `check` are called often, also while nothing comes."""
+    """Observes one wire; `observe` is called often, also while nothing comes."""
 
     def __init__(self, port: str, silence_s: float = DEFAULT_SILENCE_S) -> None:
         """Report a silence when it has lasted this long, seconds."""
         self._port, self._silence_s = port, silence_s
-        self._last_ns: int | None = None
-        """When the last bytes came; None before the first, and after a loss."""
-        self._is_silent = self._is_named = False
-        self._begin()
+        self.lost()
 
-    def _begin(self) -> None:
-        self._since_ns: int | None = None
-        self._count = 0
+    def lost(self) -> None:
+        """Note that the port is not open: it is not silent."""
+        self._last_ns = inf
+        """When the last bytes came; infinity before the first."""
+        self._is_silent = False
+        self.frame_came()
+
+    def frame_came(self) -> None:
+        """Note a readable frame: the line is right."""
+        self._since_ns, self._count, self._is_named = inf, 0, False
         self._values = set[int]()
 
     def observe(self, chunk: Chunk) -> PortEvent | None:
         """Add a chunk; returns what it ends or shows."""
-        t_ns = chunk.t_ns or 0
-        silence_s = 0.0 if self._last_ns is None else (t_ns - self._last_ns) / 1e9
+        t_ns, was_silent = chunk.t_ns or 0, self._is_silent
+        silence_s = (t_ns - self._last_ns) / 1e9
         if chunk.data:
-            was_silent, self._is_silent, self._last_ns = self._is_silent, False, t_ns
-            self._since_ns = t_ns if self._since_ns is None else self._since_ns
+            self._is_silent, self._last_ns = False, t_ns
+            self._since_ns = min(self._since_ns, t_ns)
             self._count += len(chunk.data)
             if len(self._values) < 2:
                 self._values.update(chunk.data)
             if was_silent:
                 detail = TranslatableText("bytes again after {seconds:.1f} s", seconds=silence_s)
                 return self._event(t_ns, PortEventKind.BYTES_AGAIN, detail, silence_s)
-        elif not self._is_silent and self._last_ns is not None and silence_s >= self._silence_s:
+        elif silence_s >= self._silence_s and not was_silent:
             self._is_silent = True
             detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)
             return self._event(t_ns, PortEventKind.SILENT, detail, self._silence_s)
-        return None
-
-    def frame_came(self) -> None:
-        """Note a readable frame: the line is right."""
-        self._begin()
-        self._is_named = False
-
-    def lost(self) -> None:
-        """Note that the port was lost: it is not silent."""
-        self._last_ns, self._is_silent = None, False
-        self._begin()
-
-    def check(self, now_ns: int) -> PortEvent | None:
-        """Report bytes without a frame, once they have come for NO_FRAME_NS."""
-        since_ns = self._since_ns
-        is_due = since_ns is not None and now_ns - since_ns >= NO_FRAME_NS
-        if not is_due or self._is_named or self._count < FEW_BYTES:
+        if t_ns - self._since_ns < NO_FRAME_NS or self._is_named or self._count < FEW_BYTES:
             return None
         self._is_named = True
-        return PortEvent(now_ns, self._port, PortEventKind.WIRING, self._what())
+        return self._event(t_ns, PortEventKind.WIRING, self._what(), 0)
 
     def _what(self) -> TranslatableText:
+        """What bytes without a frame are."""
         seconds = NO_FRAME_NS // 1_000_000_000
         if self._values == {0}:
             return TranslatableText(

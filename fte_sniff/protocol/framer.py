@@ -184,10 +184,9 @@ class Framer:
             self._walls.append(Wall(self._size, is_soft=True))
         if silence_ns >= GIVING_UP_NS:
             self.end()
+        if chunk.has_line_errors:
+            self._errors.append((self._size, self._size + len(chunk.data) + 1))
         if chunk.data:
-            self._errors += (
-                (self._size + start, self._size + stop) for start, stop in chunk.line_errors
-            )
             self._chunks.append(chunk.data)
             self._size += len(chunk.data)
 

@@ -23,9 +23,9 @@ class Chunk(NamedTuple):
     t_ns: int | None
     """When the read returned, nanoseconds since 1970 UTC; None where the input has no time."""
     data: bytes
-    line_errors: tuple[tuple[int, int], ...] = ()
-    """Where the UART reported errors: half-open ranges of offsets in `data`. The last range may end
-    one past the data: errors are counted before their bytes are read."""
+    has_line_errors: bool = False
+    """Whether the UART reported errors: in these bytes, or in the one after them, since an error is
+    counted before its byte is read."""
     is_late: bool = False
     """Whether the reader was held up before it read, so that no silence before it is known."""
     at_once: bool = False

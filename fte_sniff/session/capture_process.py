@@ -202,7 +202,6 @@ class CaptureLoop:
                 self._drain(port)
             self._emit()
             wire = self._wires[chunk.port]
-            wire.put(wire.silence.check(now_ns))
             wire.put(self._clock_step(chunk.port, now_ns))
             with self._writing():
                 self._recorder.flush_if_due(now_ns, at_once=self.shows_rows)

@@ -24,10 +24,10 @@ def test_each_counter_has_its_place_in_the_struct(kind: str) -> None:
     assert parsed(struct.pack("=20I", *numbers)) == LineErrorCounts(**{kind: 7})
 
 
-def test_errors_are_in_the_bytes_that_were_read_or_the_next_one() -> None:
+def test_errors_come_once() -> None:
     counts = [LineErrorCounts()] * 2 + [LineErrorCounts(framing=1)] * 2
     errors = LineErrors("a", lambda: counts.pop(0))
-    assert [errors.spans(bytes(4)) for _ in range(3)] == [(), ((0, 5),), ()]
+    assert [errors.came() for _ in range(3)] == [False, True, False]
 
 
 @given(
@@ -43,7 +43,7 @@ def test_all_errors_are_reported_by_kind_though_counters_wrap(steps, start: int)
     errors, events = LineErrors("a", counters), []
     for number, step in enumerate(steps):
         counts = [count + more for count, more in zip(counts, step, strict=True)]
-        assert bool(errors.spans(b"x")) == any(step)
+        assert errors.came() == any(step)
         events += errors.report(number * REPORT_NS // 3)
     events += errors.report(len(steps) * REPORT_NS, at_end=True)
     assert sum(event.count for event in events) == sum(map(sum, steps))
@@ -55,7 +55,7 @@ def test_port_without_a_uart_has_no_line_errors(pty, name: str) -> None:
     with open_port(pty.device if name == "pty" else name) as port:
         errors = LineErrors("a", counters_of(port))
         assert errors.description == "line errors unavailable"
-        assert errors.spans(b"x") == ()
+        assert not errors.came()
         assert errors.report(REPORT_NS, at_end=True) == ()
 
 

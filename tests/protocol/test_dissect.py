@@ -170,7 +170,7 @@ def test_the_explanation_shows_exactly_the_faults_of_the_row(
 ) -> None:
     stream, _ = damaged_stream(seed, 12, 0.6, payload)
     framer = Framer("p")
-    framer.push(Chunk("p", None, stream, ((0, len(stream)),) if line_error else ()))
+    framer.push(Chunk("p", None, stream, has_line_errors=line_error))
     for row in framer.finish():
         shown = [field for field in dissect(row) if field.fault is not None]
         assert {field.fault for field in shown} == set(row.faults) - BESIDE_THE_BYTES

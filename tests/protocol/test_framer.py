@@ -503,18 +503,22 @@ def test_pending_since_is_the_time_of_the_first_byte_in_no_row(
 
 @given(
     st.binary(max_size=60),
-    st.lists(st.tuples(st.integers(0, 60), st.integers(1, 20)), max_size=4),
+    st.sets(st.integers(0, 30)),
+    st.sets(st.integers(0, 30)),
     st.integers(1, 30),
 )
-def test_line_errors_mark_the_rows_of_their_bytes(
-    noise: bytes, errors: list[tuple[int, int]], size: int
+def test_line_errors_mark_the_rows_of_their_bytes_and_the_next_one(
+    noise: bytes, errors: set[int], errors_before: set[int], size: int
 ) -> None:
-    data, chunks = FRAME * 2 + noise + FRAME, list[Chunk]()
-    wrong = {at for start, length in errors for at in range(start, start + length)}
-    for start in range(0, len(data), size):
-        own = range(start, min(start + size, len(data)))
-        ranges = tuple((at - start, at - start + 1) for at in own if at in wrong)
-        chunks.append(Chunk("p", None, data[own.start : own.stop], ranges))
+    """Errors are counted with a read, or with an empty one before it."""
+    data, chunks, wrong = FRAME * 2 + noise + FRAME, list[Chunk](), set[int]()
+    for number, start in enumerate(range(0, len(data), size)):
+        if number in errors_before:
+            chunks.append(Chunk("p", None, b"", has_line_errors=True))
+            wrong.add(start)
+        read = data[start : start + size]
+        chunks.append(Chunk("p", None, read, has_line_errors=number in errors))
+        wrong |= set(range(start, start + len(read) + 1)) if number in errors else set()
     for row in framed(chunks):
         hit = not wrong.isdisjoint(range(row.offset, row.offset + len(row.raw)))
         assert (Fault.LINE_ERROR in row.faults) == hit
