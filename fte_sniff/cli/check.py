@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 VERSION: Final = 1
 
-_STATUS: Final = {"pass": Status.OK, "fail": Status.MALFORMED, "not covered": Status.SUSPECT}
 _NUMBER: Final = ".6g"
 
 
@@ -126,8 +125,7 @@ def _lines(verdicts: Sequence[Verdict], zone: tzinfo) -> Iterator[Text]:
         allowed = " (allowed)" * (one.result == "not covered" and not one.refuses)
         name = f"{mark} {printable(one.rule.name)}"
         rows.append([name, measured.strip(), expected, f"{one.result}{allowed}"])
-    styles = [LOOKS[_STATUS[one.result]].style for one in verdicts]
-    head, *lines = table_lines(["  rule", "measured", "expected", "verdict"], rows, styles)
+    head, *lines = table_lines(["  rule", "measured", "expected", "verdict"], rows)
     yield head
     for one, line in zip(verdicts, lines, strict=True):
         yield line

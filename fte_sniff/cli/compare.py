@@ -76,18 +76,14 @@ def comparison_lines(found: Comparison) -> Iterator[Text]:
         yield Text(printable(_("not compared: {text}", text=text)))
     shown = [one for one in found.numbers if one.score or one.measure in _ALWAYS]
     if shown:
-        looks = [LOOKS[Status.SUSPECT if one.score else Status.OK] for one in shown]
-        rows = [
-            [f"{look.mark} {_name(one)}", _value(one, one.before), _value(one, one.after)]
-            for one, look in zip(shown, looks, strict=True)
-        ]
-        styles = [look.style if look.mark.strip() else "" for look in looks]
+        rows = [[_name(one), _value(one, one.before), _value(one, one.after)] for one in shown]
         yield Text()
-        yield from table_lines([f"  {_('measure')}", _("before"), _("after")], rows, styles)
+        yield from table_lines([f"  {_('measure')}", _("before"), _("after")], rows)
 
 
 def _name(one: Number) -> str:
-    names = (one.measure, one.kind, one.motor)
+    mark = LOOKS[Status.SUSPECT if one.score else Status.OK].mark
+    names = (mark, one.measure, one.kind, one.motor)
     return printable(" ".join(str(part) for part in names if part is not None))
 
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from datetime import tzinfo
 from functools import partial
-from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +15,7 @@ from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, is_t
 from fte_sniff.cli.options import format_option
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
+from fte_sniff.formats.looks import LOOKS
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.i18n import _
 from fte_sniff.protocol.columns import iso_time
@@ -127,15 +127,17 @@ def headline(one: Finding, found: Sequence[Finding], zone: tzinfo) -> str:
 HEAD_STYLE: Final = "dim"
 
 
-def table_lines(
-    heads: Sequence[str], rows: Iterable[Sequence[str]], styles: Sequence[str] = ()
-) -> Iterator[Text]:
+_STYLES: Final = {look.mark: look.style for look in LOOKS.values() if look.mark.strip()}
+
+
+def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[Text]:
     """The lines of a table: names on the left, and cells that are aligned at the right.
+
+    A name that begins with the mark of a status has its style.
 
     Args:
         heads: those of the columns.
         rows: of each the name, and a cell for each further head.
-        styles: those of the names.
     """
     from rich.cells import cell_len
     from rich.text import Text
@@ -144,10 +146,10 @@ def table_lines(
 
     lines = [heads, *rows]
     names, *widths = (max(map(cell_len, column)) for column in zip(*lines, strict=True))
-    looks = chain((HEAD_STYLE,), styles or repeat(""))
-    for number, ((name, *cells), style) in enumerate(zip(lines, looks, strict=False)):
+    for number, (name, *cells) in enumerate(lines):
         values = (f"  {fit_right(one, room)}" for one, room in zip(cells, widths, strict=True))
-        line = Text.assemble((padded(name, names), style), *values, style="" if number else style)
+        text = (padded(name, names), _STYLES.get(name[:1], ""))
+        line = Text.assemble(text, *values, style="" if number else HEAD_STYLE)
         line.rstrip()
         yield line
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import click
 from rich.text import Text
 
-from fte_sniff.analysis.table import MOTOR, QUANTITIES
+from fte_sniff.analysis.table import MOTOR
 from fte_sniff.cli.input_files import InputQuery, gap_text, input_options
 from fte_sniff.cli.measuring import (
     HEAD_STYLE,
@@ -26,7 +26,7 @@ from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.protocol.columns import iso_time, iso_time_ns
-from fte_sniff.protocol.spec import Status
+from fte_sniff.protocol.spec import Direction, Status
 from fte_sniff.session.stats_json import Json, statistics_json
 
 if TYPE_CHECKING:
@@ -69,6 +69,7 @@ def command(query: InputQuery, form: str) -> None:
 
 
 _LABEL: Final = 10
+_ENDS: Final = ("first_time", "last_time")
 
 When: TypeAlias = Callable[[str | None], str]
 """The time of day of a time of the JSON object; a dash for None."""
@@ -79,38 +80,34 @@ Columns: TypeAlias = Sequence[tuple[str, Callable[[Json, When], str]]]
 
 def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
     """The lines of the report about the object of docs/stats.md."""
-    when, ports = _clock(numbers, reading.zone), numbers["ports"]
+    when, files, motors = _clock(numbers, reading.zone), numbers["files"], numbers["motors"]
+    streams, is_timed = _of_ports(numbers, "streams"), numbers["first_time"] is not None
+    tables: list[tuple[Columns, Sequence[Json]]] = [
+        (_FILES, files if len(files) > 1 else []),
+        (_PORTS, numbers["ports"]),
+        (_EVENTS, _of_ports(numbers, "events")),
+        (_FAULTS, _of_ports(numbers, "faults")),
+        (_PERIODS, streams if is_timed else []),
+        (_VALUES, [one for one in streams if one["values"] or not is_timed]),
+        (_MOTORS, motors if any(one["commands"] or one["feedback"] for one in motors) else []),
+    ]
     yield from _whole(numbers, reading)
-    if len(numbers["files"]) > 1:
-        yield from _table(_FILES, numbers["files"], when)
-    for port in ports:
-        yield Text()
-        yield from _port(port, when)
-        if len(ports) > 1:
-            yield _line("  status", _statuses(port["status"], port["rows"]))
-        styles = [LOOKS[Status(one["status"])].style for one in port["faults"]]
-        yield from _table(_FAULTS, port["faults"], when, styles)
-        streams, has_times = port["streams"], port["first_time"] is not None
-        yield from _table(_PERIODS, streams if has_times else [], when)
-        for is_motor in (True, False):
-            own = [one for one in streams if (one[MOTOR] is not None) is is_motor]
-            own = [one for one in own if one["values"] or not has_times]
-            yield from _table(_values(own), own, when)
-    if any(one["commands"] or one["feedback"] for one in numbers["motors"]):
-        bad = [one["error_bits"] or one["offline"]["frames"] for one in numbers["motors"]]
-        styles = [LOOKS[Status.MALFORMED].style if one else "" for one in bad]
-        yield from _table(_MOTORS, numbers["motors"], when, styles)
-        yield from _motor_notes(numbers)
+    for columns, objects in tables:
+        if objects:
+            rows = [[text(one, when) for _, text in columns] for one in objects]
+            yield Text()
+            yield from table_lines([head for head, _ in columns], rows)
+    if numbers["selections"]:
+        yield Text("answers are not known: the recording has only selected rows")
+    elif motors[0]["neither"] is None:
+        yield Text("the inputs overlap in time: answers cannot be matched to commands")
 
 
-def _table(
-    columns: Columns, objects: Sequence[Json], when: When, styles: Sequence[str] = ()
-) -> Iterator[Text]:
-    """An empty line and a table of objects, if there are any."""
-    if objects:
-        rows = [[text(one, when) for _, text in columns] for one in objects]
-        yield Text()
-        yield from table_lines([head for head, _ in columns], rows, styles)
+def _of_ports(numbers: Json, key: str) -> list[Json]:
+    """The objects of all ports, with the name of theirs as `of` if there are several."""
+    ports = numbers["ports"]
+    names = [f" of {printable(port['port'])}" if len(ports) > 1 else "" for port in ports]
+    return [{**one, "of": of} for port, of in zip(ports, names, strict=True) for one in port[key]]
 
 
 def _in_zone(time: str, zone: tzinfo) -> str:
@@ -149,79 +146,72 @@ def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
     elif rows:
         yield _line("time", "these rows have no times: no rates, no silences")
     if rows:
-        yield _line("status", _statuses(numbers["status"], rows))
+        counts = {status: numbers["status"][status]["rows"] for status in LOOKS}
+        words = [f"{one} {count:,} ({share_text(count / rows)})" for one, count in counts.items()]
+        yield _line("status", ", ".join(words))
 
 
-def _statuses(counts: Json, rows: int) -> Text:
-    """`ok 1,180 (98.3 %), ? suspect 3 (0.3 %), ! malformed 17 (1.4 %)`."""
-    parts = []
-    for status, look in LOOKS.items():
-        if not (count := counts[status]["rows"]):
-            parts.append(Text(f"{status} 0"))
-            continue
-        text = f"{look.mark} {status} {count:,} ({share_text(count / rows)})"
-        parts.append(Text(text.strip(), look.style))
-    return Text(", ").join(parts)
+def _line(label: str, text: str) -> Text:
+    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", text)
 
 
 def _span(seconds: float | None) -> str:
     return span_text(None if seconds is None else seconds * 1e9)
 
 
-def _port(port: Json, when: When) -> Iterator[Text]:
-    yield _line("port", Text(printable(port["port"]), "bold"))
-    rate = "" if port["rows_per_s"] is None else f", {rate_text(port['rows_per_s'])}"
-    yield _line("  rows", f"{port['rows']:,}{rate}, {port['bytes']:,} bytes")
-    frames = ", ".join(f"{count:,} {direction}" for direction, count in port["frames"].items())
-    yield _line("  frames", frames)
-    if (share := port["line_use"]) is not None:
-        use = f"{share_text(share)} of the time used, at {port['baud']:,} baud"
-        yield _line("  line", use)
-        yield _line("  silence", _silence(port["silences"], when))
-    for number, event in enumerate(port["events"]):
-        yield _line("" if number else "  events", _event(event, when))
+def _values(stream: Json, when: When) -> str:
+    """`rpm -300 .. 1000, pulses 0 .. 5000`."""
+    ends = stream["values"].items()
+    return ", ".join(f"{name} {one['least']} .. {one['greatest']}" for name, one in ends)
 
 
-def _silence(silences: Json, when: When) -> str:
-    if silences["longest_s"] is None:
-        return "never"
-    half, most = _span(silences["p50_s"]), _span(silences["p99_s"])
-    until = when(silences["longest_until"])
-    return f"longest {_span(silences['longest_s'])} until {until}; 50 % {half}, 99 % {most}"
+def _motor(one: Json, when: When) -> str:
+    bad = one["error_bits"] or one["offline"]["frames"]
+    return f"{LOOKS[Status.MALFORMED if bad else Status.OK].mark} {one[MOTOR]}"
 
 
-def _event(event: Json, when: When) -> str:
-    """`line error 3 (12 in all), 12:00:01.000 to 12:00:09.000`."""
-    words = f"{event['event'].replace('_', ' ')} {event['count']:,}"
-    if event["total"] is not None:
-        words += f" ({event['total']:,} in all)"
-    return f"{words}, {' to '.join(dict.fromkeys(when(event[at]) for at in _ENDS))}"
-
-
-_ENDS: Final = ("first_time", "last_time")
-
-
-def _count(name: str) -> tuple[str, Callable[[Json, When], str]]:
+def _count(name: str, head: str = "") -> tuple[str, Callable[[Json, When], str]]:
     """The column of a count."""
-    return name, lambda one, _: UNKNOWN if one[name] is None else f"{one[name]:,}"
+    return head or name, lambda one, _: UNKNOWN if one[name] is None else f"{one[name]:,}"
+
+
+def _time(name: str, head: str) -> tuple[str, Callable[[Json, When], str]]:
+    """The column of a time."""
+    return head, lambda one, when: when(one[name])
 
 
 _FILES: Final[Columns] = (
     ("file", lambda one, _: printable(one["name"])),
     *map(_count, ("rows", "bytes")),
-    ("first row", lambda one, when: when(one["first_time"])),
+    _time("first_time", "first row"),
+)
+_PORTS: Final[Columns] = (
+    ("port", lambda one, _: printable(one["port"])),
+    *map(_count, ("rows", "bytes")),
+    ("rate", lambda one, _: rate_text(one["rows_per_s"])),
+    ("control", lambda one, _: f"{one['frames'][Direction.CONTROL]:,}"),
+    ("feedback", lambda one, _: f"{one['frames'][Direction.FEEDBACK]:,}"),
+    ("line use", lambda one, _: share_text(one["line_use"])),
+    _count("baud"),
+    ("silence", lambda one, _: _span(one["silences"]["longest_s"])),
+    ("until", lambda one, when: when(one["silences"]["longest_until"])),
+)
+_EVENTS: Final[Columns] = (
+    ("event", lambda one, _: one["event"].replace("_", " ") + one["of"]),
+    _count("count"),
+    _count("total"),
+    *map(_time, _ENDS, ("first", "last")),
 )
 _FAULTS: Final[Columns] = (
-    ("  fault", lambda one, _: f"{LOOKS[Status(one['status'])].mark} {one['fault']}"),
+    ("  fault", lambda one, _: f"{LOOKS[Status(one['status'])].mark} {one['fault']}{one['of']}"),
     _count("rows"),
     ("of all", lambda one, _: share_text(one["rows_share"])),
     _count("bytes"),
     ("of all", lambda one, _: share_text(one["bytes_share"])),
-    ("first", lambda one, when: when(one["first_time"])),
-    ("last", lambda one, when: when(one["last_time"])),
+    *map(_time, _ENDS, ("first", "last")),
 )
 _STREAM: Final[Columns] = (
-    ("  kind and motor", lambda one, _: f"  {one['kind']} {one[MOTOR] or ''}".rstrip()),
+    ("kind and motor", lambda one, _: f"{one['kind']} {one[MOTOR] or ''}".rstrip() + one["of"]),
     _count("frames"),
 )
 _PERIODS: Final[Columns] = (
@@ -233,41 +223,14 @@ _PERIODS: Final[Columns] = (
     ("until", lambda one, when: when(one["period"]["longest_until"])),
     ("99 %", lambda one, _: _span(one["period"]["p99_s"])),
 )
+_VALUES: Final[Columns] = (*_STREAM, ("values", _values))
 _MOTORS: Final[Columns] = (
-    (MOTOR, lambda one, _: str(one[MOTOR])),
+    (f"  {MOTOR}", _motor),
     *map(_count, ("commands", "feedback", "answered", "unanswered")),
-    ("unknown", _count("neither")[1]),
+    _count("neither", "unknown"),
     ("delay", lambda one, _: _span(one["delay"]["p50_s"])),
     ("99 %", lambda one, _: _span(one["delay"]["p99_s"])),
     ("longest", lambda one, _: _span(one["delay"]["longest_s"])),
     ("ERROR bits", lambda one, _: " ".join(str(bit["bit"]) for bit in one["error_bits"]) or "–"),
     ("offline", lambda one, _: f"{one['offline']['frames']:,}"),
 )
-
-
-def _values(streams: Sequence[Json]) -> Columns:
-    """The columns of the range of each quantity; a name ends in its unit, or is it."""
-
-    def text(name: str) -> Callable[[Json, When], str]:
-        ends = "{least} .. {greatest}"
-        return lambda one, _: ends.format_map(one["values"][name]) if name in one["values"] else "–"
-
-    names = [name for name in QUANTITIES if any(name in one["values"] for one in streams)]
-    return (*_STREAM, *((name, text(name)) for name in names))
-
-
-def _motor_notes(numbers: Json) -> Iterator[Text]:
-    """Notes below the table of motors."""
-    motors = numbers["motors"]
-    if numbers["selections"]:
-        yield Text("answers are not known: the recording has only selected rows")
-    elif motors[0]["neither"] is None:
-        yield Text("the inputs overlap in time: answers cannot be matched to commands")
-    elif any(one["neither"] for one in motors):
-        yield Text("unknown: resets; commands before the first feedback, or open where rows end")
-    if any(one["offline"]["frames"] for one in motors):
-        yield Text("offline: frames in which the bit of ONLINE that is taken as the motor's is 0")
-
-
-def _line(label: str, text: str | Text) -> Text:
-    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", text)

@@ -62,7 +62,6 @@ def test_of_one_row_there_is_no_rate_and_no_use_of_the_line(run, tmp_path: Path)
     recorded(tmp_path / "a.mcap", PortFacts("p"), [speed("p", 0, 10**18)], [])
     (port,) = numbers(run, "a.mcap")["ports"]
     assert (port["rows"], port["rows_per_s"], port["line_use"]) == (1, None, None)
-    assert "baud" not in run("stats", "a.mcap").stdout
 
 
 def test_port_events(run, tmp_path: Path) -> None:
@@ -72,7 +71,8 @@ def test_port_events(run, tmp_path: Path) -> None:
     (port,) = numbers(run, "a.mcap")["ports"]
     (event,) = port["events"]
     assert (event["event"], event["count"], event["total"]) == ("line_error", 2, 7)
-    assert "line error 2 (7 in all), 01:46:41.000 to 01:46:42.000" in run("stats", "a.mcap").stdout
+    (line,) = [one for one in run("stats", "a.mcap").stdout.splitlines() if "line error" in one]
+    assert line.split() == ["line", "error", "2", "7", "01:46:41.000", "01:46:42.000"]
 
 
 def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
