@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from fte_sniff.analysis.findings import Finding
     from fte_sniff.analysis.segments import Analysis, Part
     from fte_sniff.session.inputs import InputReading, ReadingCounts
-    from fte_sniff.session.measured import Measurement
 
 
 text_or_json_option = format_option(
@@ -47,51 +46,42 @@ def measure(query: InputQuery, analysis: Analysis[Part]) -> tuple[Part, InputRea
 
     Raises:
         FileError: no file can be read, or the cluster cannot be reached.
-        UsageError: the options contradict each other.
+        UsageError: standard input cannot be read elsewhere.
         InputTextError: a filter, time, date or zone is invalid.
     """
-    from fte_sniff.session.measured import Measurement
+    from fte_sniff.session.measured import measured, total_of
 
-    if query.cluster is not None and query.jobs is not None:
-        raise UsageError("--jobs is for this machine; leave it out with --cluster")
-    measurement, wanted = Measurement(analysis), query.row_filter()
+    if query.cluster is not None:  # its workers may be in other folders
+        query = replace(query, files=tuple(path.absolute() for path in query.files))
+    wanted = query.row_filter()
     with progress_line(shown=not is_typed(query.files)) as progress:
         reading = query.read(None, progress=progress)
-        jobs = min(query.jobs or 1, len(reading.groups))
-        if jobs == 1 and query.cluster is None:
-            measurement.read(reading, wanted, query.baud)
-        else:
-            _measure_elsewhere(query, measurement, reading, jobs)
-    return measurement.total, reading
+        if query.cluster is None and min(query.jobs or 1, len(reading.groups)) == 1:
+            return measured(reading, analysis, wanted, query.baud), reading
+        return total_of(analysis, _parts_from_elsewhere(query, reading, analysis)), reading
 
 
-def _measure_elsewhere(
-    query: InputQuery, measurement: Measurement[Part], reading: InputReading, jobs: int
-) -> None:
-    """Count each group of inputs in another process, and add up what comes back."""
+def _parts_from_elsewhere(
+    query: InputQuery, reading: InputReading, analysis: Analysis[Part]
+) -> Iterator[Part]:
+    """What other processes count in each group of the files."""
     from fte_sniff.session.jobs import executor_of, mapped
 
     if STDIN in query.files:
         raise UsageError("--jobs and --cluster read files; '-' is standard input of this process")
     own = replace(query, jobs=None, cluster=None)
     if (span := reading.span) is not None:
-        own = replace(own, since=iso_time(span.first_ns), until=iso_time(span.end_ns), zone=None)
-    named = Path if query.cluster is None else _absolute
-    groups = [
-        replace(own, files=tuple(named(one.name) for one in group)) for group in reading.groups
+        own = replace(own, since=iso_time(span.first_ns), until=iso_time(span.end_ns))
+    queries = [
+        replace(own, files=tuple(Path(one.name) for one in group)) for group in reading.groups
     ]
-    with executor_of(jobs, query.cluster) as executor:
-        count = partial(_measure_group, measurement.analysis)
-        for total, counts in mapped(count, groups, executor):
-            measurement.add(total)
+    with executor_of(min(query.jobs or 1, len(queries)), query.cluster) as executor:
+        for part, counts in mapped(partial(_count, analysis), queries, executor):
             reading.include(counts)
+            yield part
 
 
-def _absolute(name: str) -> Path:
-    return Path(name).absolute()
-
-
-def _measure_group(analysis: Analysis[Part], query: InputQuery) -> tuple[Part, ReadingCounts]:
+def _count(analysis: Analysis[Part], query: InputQuery) -> tuple[Part, ReadingCounts]:
     total, reading = measure(query, analysis)
     return total, reading.counts
 

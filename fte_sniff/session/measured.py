@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic
+from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.analysis import events, statistics
 from fte_sniff.analysis.segments import Analysis, Counts, Part, Segments, summed
@@ -15,8 +13,7 @@ from fte_sniff.analysis.table import EMPTY, Table
 from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.files import Paths, recordings_in
-from fte_sniff.session.inputs import InputReading, ReadingCounts, recording_input
-from fte_sniff.session.jobs import mapped
+from fte_sniff.session.inputs import InputReading, recording_input
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.check import Verdict
@@ -40,44 +37,41 @@ PARTS: Final = 8
 """Parts that are added at once."""
 
 
-class Measurement(Generic[Part]):
-    """What an analysis counted so far, also after Ctrl-C."""
+def measured(
+    reading: InputReading,
+    analysis: Analysis[Part],
+    wanted: RowFilter | None = None,
+    baud: int | None = None,
+) -> Part:
+    """Count all rows of a reading that has no filter.
 
-    def __init__(self, analysis: Analysis[Part]) -> None:
-        self.analysis = analysis
-        self._parts = [analysis.count(EMPTY)]
+    Args:
+        reading: what to read.
+        analysis: what to count.
+        wanted: selects the rows that are counted; all rows decide which command is answered.
+        baud: the baud of every port; None for that of the inputs.
+    """
 
-    @property
-    def total(self) -> Part:
-        """What was counted."""
-        self._parts = [self.analysis.add(self._parts)]
-        return self._parts[0]
-
-    def read(
-        self, reading: InputReading, wanted: RowFilter | None = None, baud: int | None = None
-    ) -> None:
-        """Count all rows of a reading that has no filter.
-
-        Args:
-            reading: what to read.
-            wanted: selects the rows that are counted; all rows decide which command is answered.
-            baud: the baud of every port; None for that of the inputs.
-        """
-        matches = None if wanted is None else wanted.matches
+    def tables() -> Iterator[Table]:
         for items in reading.streams():
-            cutter = Segments(baud=baud, test=matches, keep=self.analysis.keep)
+            test = None if wanted is None else wanted.matches
+            cutter = Segments(baud=baud, test=test, keep=analysis.keep)
             reading.on_input = cutter.begin
             for item in items:
-                for table in cutter.push(item):
-                    self.add(self.analysis.count(table))
-            for table in cutter.finish():
-                self.add(self.analysis.count(table))
+                yield from cutter.push(item)
+            yield from cutter.finish()
 
-    def add(self, part: Part) -> None:
-        """Add what was counted elsewhere."""
-        self._parts.append(part)
-        if len(self._parts) > PARTS:
-            self._parts = [self.analysis.add(self._parts)]
+    return total_of(analysis, map(analysis.count, tables()))
+
+
+def total_of(analysis: Analysis[Part], parts: Iterable[Part]) -> Part:
+    """The sum of parts, of which only a few are in memory at once."""
+    waiting = [analysis.count(EMPTY)]
+    for part in parts:
+        waiting.append(part)
+        if len(waiting) > PARTS:
+            waiting = [analysis.add(waiting)]
+    return analysis.add(waiting)
 
 
 # The public functions
@@ -88,7 +82,6 @@ def check(
     rules: str | Sequence[str],
     *,
     baseline: Paths | None = None,
-    executor: Executor | None = None,
 ) -> list[Verdict]:
     """The verdicts of rules about recordings, all together, in the order of the rules.
 
@@ -96,8 +89,6 @@ def check(
         paths: a recording, a folder of them, a pattern such as `logs/*.mcap`, or several of these.
         rules: a text such as `count(malformed) == 0`, see docs/check.md, or several.
         baseline: recordings that rules such as `changed() == 0` compare with.
-        executor: reads the files, such as `dask.distributed.Client(...).get_executor()`; by
-            default they are read here, one after the other.
 
     Raises:
         FileError: a file cannot be read or is not a recording, or there is none.
@@ -110,17 +101,17 @@ def check(
 
     wanted = [parse_rule(text) for text in ([rules] if isinstance(rules, str) else rules)]
     before = None if baseline is None else _counts_to_compare(baseline)
-    return verdicts(_measured(paths, analysis_of(wanted), executor)[0], wanted, before)
+    return verdicts(_measured(paths, analysis_of(wanted))[0], wanted, before)
 
 
-def stats(paths: Paths, *, executor: Executor | None = None) -> dict[str, Any]:
+def stats(paths: Paths) -> dict[str, Any]:
     """The numbers of recordings, all together: the object of `stats --format json` (docs/stats.md).
 
-    Takes the paths and the executor of `check`, and raises FileError and warns as it does.
+    Takes the paths of `check`, and raises FileError and warns as it does.
     """
     from fte_sniff.session.stats_json import statistics_json
 
-    return statistics_json(*_measured(paths, statistics.ANALYSIS, executor))
+    return statistics_json(*_measured(paths, statistics.ANALYSIS))
 
 
 def findings(paths: Paths) -> dict[str, Any]:
@@ -152,26 +143,11 @@ def _counts_to_compare(paths: Paths) -> Any:
     return _measured(paths, ANALYSIS)[0]
 
 
-def _measured(
-    paths: Paths, analysis: Analysis[Part], executor: Executor | None = None
-) -> tuple[Part, InputReading]:
+def _measured(paths: Paths, analysis: Analysis[Part]) -> tuple[Part, InputReading]:
     reading = InputReading([recording_input(Recording(path)) for path in recordings_in(paths)])
-    measurement = Measurement(analysis)
-    groups = [[Path(one.name) for one in group] for group in reading.groups]
-    if executor is None:
-        measurement.read(reading)
-    for total, counts in mapped(partial(_of_group, analysis), groups, executor) if executor else ():
-        measurement.add(total)
-        reading.include(counts)
+    total = measured(reading, analysis)
     for error in reading.unreadable:
         raise error
     for note in reading.notes:
         warnings.warn(printable(note), RecordingWarning, stacklevel=3)
-    return measurement.total, reading
-
-
-def _of_group(analysis: Analysis[Part], paths: Sequence[Path]) -> tuple[Part, ReadingCounts]:
-    measurement = Measurement(analysis)
-    reading = InputReading([recording_input(Recording(path.absolute())) for path in paths])
-    measurement.read(reading)
-    return measurement.total, reading.counts
+    return total, reading

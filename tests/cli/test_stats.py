@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,6 +84,20 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert done.stderr == "fte-sniff: nothing came: check the wire, the ground and the baud rate\n"
     between = run("stats", "a.mcap", "--from", "2026-01-01T00:00:00Z")
     assert "none of its rows is between" in between.stderr
+
+
+def test_other_processes_read_logs_in_the_same_zone(tmp_path: Path) -> None:
+    for name in ("a.txt", "b.txt"):
+        lines = [f"2026-01-31 12:00:0{at}.000 AA 01 01 03 E8 00 00 00 00 EE" for at in range(9)]
+        (tmp_path / name).write_text("\n".join(lines))
+    command = [sys.executable, "-m", "fte_sniff", "stats", "a.txt", "b.txt", "--format", "json"]
+    options = ["--zone", "+08:00", "--from", "2026-01-31T12:00:03"]
+    here, elsewhere = (
+        json.loads(subprocess.check_output([*command, *options, *more], cwd=tmp_path))
+        for more in ([], ["--jobs", "2"])
+    )
+    assert here == elsewhere
+    assert (here["rows"], here["first_time"]) == (12, "2026-01-31T04:00:03.000000000Z")
 
 
 def test_terminal_has_the_lines_of_a_pipe_in_colours(
