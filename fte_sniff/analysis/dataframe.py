@@ -30,7 +30,7 @@ def column_dtype(column: Column) -> pl.DataType:
         case ColumnType.TIME:
             return pl.Datetime("ns", "UTC")
         case ColumnType.INT:
-            found: pl.DataType = getattr(pl, f"{'' if column.signed else 'U'}Int{column.bits}")()
+            found: pl.DataType = getattr(pl, column.integer)()
             return found
         case ColumnType.REAL:
             return pl.Float64()

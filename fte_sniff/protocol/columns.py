@@ -7,9 +7,8 @@ cells of their own (`formats/text_table.py`).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from enum import StrEnum
 from typing import Any, NamedTuple, TypeAlias
@@ -18,7 +17,7 @@ import numpy as np
 
 from fte_sniff.protocol.rows import NO_FACT, Row, Rows, faults_in
 from fte_sniff.protocol.spec import (
-    FAULT_MEANINGS,
+    KIND_BY_NAME,
     KINDS,
     VALUE_FIELDS,
     Direction,
@@ -71,9 +70,8 @@ class Column:
     words: tuple[str, ...] = ()
     """All possible words of a WORD or WORDS column."""
     unit: str = ""
-    bits: int = 64
-    """Bits of an INT column's values, which have a sign if `signed`."""
-    signed: bool = True
+    integer: str = "Int64"
+    """The polars type of an INT column's values."""
     derived: bool = False
     """Whether it depends on other rows, so that `analysis.table` computes it."""
 
@@ -93,8 +91,7 @@ def _field_column(field: Field) -> Column:
         f"{meaning} [{field.unit}]" if field.unit else meaning,
         lambda rows: ColumnData(*rows.field(field.name)),
         unit=field.unit,
-        bits=8 * field.size,
-        signed=field.signed,
+        integer=f"{'' if field.signed else 'U'}Int{8 * field.size}",
     )
 
 
@@ -105,98 +102,57 @@ def _milliseconds(nanoseconds: Any) -> Any:
 
 COLUMNS: tuple[Column, ...] = (
     Column(
-        "time",
-        ColumnType.TIME,
-        "when the first byte began on the wire, UTC",
+        "time", ColumnType.TIME, "when the first byte began on the wire, UTC",
         lambda rows: ColumnData(rows.t_ns, rows.timed),
     ),
     Column(
-        "port",
-        ColumnType.TEXT,
-        "which wire: the port's name, or the file's",
+        "port", ColumnType.TEXT, "which wire: the port's name, or the file's",
         lambda rows: ColumnData(rows.port, words=rows.ports),
     ),
     Column(
-        "offset",
-        ColumnType.INT,
-        "of the first byte in that port's stream",
+        "offset", ColumnType.INT, "of the first byte in that port's stream",
         lambda rows: ColumnData(rows.offset),
     ),
     Column(
-        "length",
-        ColumnType.INT,
-        "bytes",
-        lambda rows: ColumnData(rows.length),
-        bits=32,
-        signed=False,
+        "length", ColumnType.INT, "bytes",
+        lambda rows: ColumnData(rows.length), integer="UInt32",
     ),
     Column(
-        "direction",
-        ColumnType.WORD,
-        "which way the frame goes",
-        lambda rows: ColumnData(rows.directions, words=(*Direction, None)),
-        tuple(Direction),
+        "direction", ColumnType.WORD, "which way the frame goes",
+        lambda rows: ColumnData(rows.directions, words=(*Direction, None)), tuple(Direction),
     ),
     Column(
-        "kind",
-        ColumnType.WORD,
-        "kind of frame",
-        lambda rows: ColumnData(rows.kinds, words=(*(kind.name for kind in KINDS), None)),
-        tuple(kind.name for kind in KINDS),
+        "kind", ColumnType.WORD, "kind of frame",
+        lambda rows: ColumnData(rows.kinds, words=(*KIND_BY_NAME, None)), tuple(KIND_BY_NAME),
     ),
     Column(
-        "cmd",
-        ColumnType.INT,
-        "CMD as on the wire",
-        lambda rows: ColumnData(rows.cmds, rows.framed),
-        bits=8,
-        signed=False,
+        "cmd", ColumnType.INT, "CMD as on the wire",
+        lambda rows: ColumnData(rows.cmds, rows.framed), integer="UInt8",
     ),
     *map(_field_column, VALUE_FIELDS),
     Column(
-        "status",
-        ColumnType.WORD,
-        "how far the row can be believed",
-        lambda rows: ColumnData(rows.statuses, words=tuple(Status)),
-        tuple(Status),
+        "status", ColumnType.WORD, "how far the row can be believed",
+        lambda rows: ColumnData(rows.statuses, words=tuple(Status)), tuple(Status),
     ),
+    Column("faults", ColumnType.WORDS, "what is wrong with the row", _fault_sets, tuple(Fault)),
+    Column("raw", ColumnType.HEX, "the bytes", None),
     Column(
-        "faults",
-        ColumnType.WORDS,
-        "what is wrong with the row",
-        _fault_sets,
-        tuple(FAULT_MEANINGS),
-    ),
-    Column(
-        "raw",
-        ColumnType.HEX,
-        "the bytes",
-        None,
-    ),
-    Column(
-        "answer_ms",
-        ColumnType.REAL,
+        "answer_ms", ColumnType.REAL,
         "from a command to the feedback that answers it, the slowest motor's [ms]",
         lambda rows: ColumnData(_milliseconds(rows.answer_ns), rows.answer_ns != NO_FACT),
-        unit="ms",
-        derived=True,
+        unit="ms", derived=True,
     ),
     Column(
-        "unanswered",
-        ColumnType.BOOL,
+        "unanswered", ColumnType.BOOL,
         "whether a command had no answer by the deadline; null where that is not known",
-        lambda rows: ColumnData(rows.unanswered > 0, rows.unanswered != NO_FACT),
-        derived=True,
+        lambda rows: ColumnData(rows.unanswered > 0, rows.unanswered != NO_FACT), derived=True,
     ),
     Column(
-        "motor_hint",
-        ColumnType.INT,
-        "the motor that a damaged row probably belonged to",
+        "motor_hint", ColumnType.INT, "the motor that a damaged row probably belonged to",
         lambda rows: ColumnData(rows.motor_hint, rows.motor_hint != NO_FACT),
-        bits=8,
-        derived=True,
+        integer="Int8", derived=True,
     ),
-)
+)  # fmt: skip
 """The columns in order (JSONL keys, CSV columns, filter fields; never translated)."""
 
 COLUMN_BY_NAME = {column.name: column for column in COLUMNS}
@@ -227,13 +183,12 @@ _NO_VALUES: dict[str, Value] = dict.fromkeys(field.name for field in VALUE_FIELD
 
 
 def _previous_column(field: Field) -> Column:
-    return Column(
-        f"previous({field.name})",
-        ColumnType.INT,
-        f"{field.name} of the frame before of the same port, motor and kind",
-        lambda rows: ColumnData(*rows.previous_field(field.name)),
-        bits=8 * field.size,
-        signed=field.signed,
+    return replace(
+        _field_column(field),
+        name=f"previous({field.name})",
+        meaning=f"{field.name} of the frame before of the same port, motor and kind",
+        of_rows=lambda rows: ColumnData(*rows.previous_field(field.name)),
+        unit="",
         derived=True,
     )
 
@@ -251,25 +206,17 @@ def iso_time(t_ns: int, zone: tzinfo = UTC) -> str:
     In other zones the offset takes the place of `Z`: `2026-01-31T20:00:00.000000001+08:00`.
     """
     seconds, nanoseconds = divmod(t_ns, 1_000_000_000)
-    if zone == UTC:
-        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{nanoseconds:09d}Z"
     moment = datetime.fromtimestamp(seconds, zone_at(t_ns, zone)).isoformat()
-    return f"{moment[:19]}.{nanoseconds:09d}{moment[19:]}"
-
-
-ISO_TIME = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}(?:Z|[+-]\d\d:\d\d)"
-"""The regular expression of the texts of `iso_time`."""
+    return f"{moment[:19]}.{nanoseconds:09d}{'Z' if zone == UTC else moment[19:]}"
 
 
 def iso_time_ns(text: str) -> int | None:
     """The nanoseconds since 1970 UTC of a text of `iso_time`; None for other texts and dates."""
-    if re.fullmatch(ISO_TIME, text, re.ASCII) is None:
-        return None
     try:
-        second = datetime.fromisoformat(text[:19] + text[29:])
+        second, nanoseconds = datetime.fromisoformat(text[:19] + text[29:]), int(text[20:29])
     except ValueError:
         return None
-    return int(second.timestamp()) * 1_000_000_000 + int(text[20:29])
+    return None if second.tzinfo is None else int(second.timestamp()) * 10**9 + nanoseconds
 
 
 def zone_at(t_ns: int, zone: tzinfo) -> timezone:

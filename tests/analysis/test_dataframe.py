@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import polars as pl
 import pytest
 from hypothesis import given
@@ -10,7 +8,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, column_dtype, row_frame, table_frame
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, record
 from fte_sniff.protocol.rows import Row, Rows
-from fte_sniff.protocol.spec import Fault
+from fte_sniff.protocol.spec import VALUE_FIELDS, Fault, Field
 
 ROWS = st.lists(st.from_type(Row), max_size=12)
 
@@ -45,10 +43,8 @@ def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:
     assert frame["port"].to_list() == ["/dev/?"]
 
 
-@pytest.mark.parametrize("signed", [False, True])
-@pytest.mark.parametrize("size", [1, 2, 4])
-def test_a_field_of_each_size_and_sign_has_a_column_type(size: int, signed: bool) -> None:
-    low = -(1 << 8 * size - 1) if signed else 0
-    ends = [low, low + (1 << 8 * size) - 1]
-    of_field = replace(COLUMN_BY_NAME["rpm"], bits=8 * size, signed=signed)
-    assert pl.Series(ends, dtype=column_dtype(of_field)).to_list() == ends
+@pytest.mark.parametrize("field", VALUE_FIELDS, ids=lambda field: field.name)
+def test_the_type_of_a_field_holds_its_range(field: Field) -> None:
+    ends = [field.low, field.high]
+    dtype = column_dtype(COLUMN_BY_NAME[field.name])
+    assert pl.Series(ends, dtype=dtype).to_list() == ends
