@@ -14,31 +14,30 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import os
 import re
-import socket
 import struct
 import sys
 from base64 import b64encode
-from collections.abc import Collection, Coroutine, Sequence
+from collections.abc import Collection, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from http import HTTPStatus
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError, reason_of
+from fte_sniff.errors import UsageError
 from fte_sniff.protocol.items import PortEvent
 
 if TYPE_CHECKING:
-    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.asyncio.server import ServerConnection
     from websockets.http11 import Request, Response
 
     from fte_sniff.analysis.feed import FeedUpdate
     from fte_sniff.protocol.rows import Rows
     from fte_sniff.session.live_session import LiveSession
-
-Result = TypeVar("Result")
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"
@@ -82,23 +81,26 @@ class FoxgloveServer(Observer):
         """
         from fte_sniff.recording.schema import TOPICS
 
+        self._origins, self._name = origins, address[0]
+        keys = ((port, topic) for port in ports for topic in TOPICS)
+        self._channels = {key: number for number, key in enumerate(keys, 1)}
+        self._viewers: dict[ServerConnection, dict[int, int]] = {}
+        """Of each viewer, its subscriptions by channel."""
+        begun = Future[None]()
+        arguments = (self._run(address, begun),)
+        self._thread = Thread(target=asyncio.run, args=arguments, daemon=True)
+        self._thread.start()
         try:
-            import websockets.asyncio.server  # noqa: F401
+            begun.result()
         except ImportError:
             raise UsageError(
                 f"--serve needs websockets: `{sys.executable} -m pip install websockets`"
             ) from None
-        self._origins, self._name = origins, address[0]
-        keys = ((port, topic.name) for port in ports for topic in TOPICS)
-        self._channels = {key: number for number, key in enumerate(keys, 1)}
-        self._viewers: dict[ServerConnection, dict[int, int]] = {}
-        """Of each viewer, its subscriptions by channel."""
-        listening = _listening(address)
-        self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
-        self._loop = asyncio.new_event_loop()
-        self._thread = Thread(target=self._loop.run_forever, name="serves viewers", daemon=True)
-        self._thread.start()
-        self._server = self._run(self._listen(listening))
+        except OSError as error:
+            why = os.strerror(error.errno or 0)
+            raise UsageError(
+                f"--serve {address[0]}:{address[1]}: {why}; name another port, as in --serve 8766"
+            ) from None
 
     @property
     def wanted(self) -> set[int]:
@@ -113,45 +115,46 @@ class FoxgloveServer(Observer):
         """Send the rows and port events that viewers subscribed to, in order of time."""
         self.send(update.rows, update.events)
 
-    def ended(self, session: LiveSession) -> None:
-        """Hang up."""
-        self.close()
-
     def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send rows and port events to the viewers of their channels."""
-        self._run(self._send(rows, events))
+        asyncio.run_coroutine_threadsafe(self._send(rows, events), self._loop).result()
 
-    def close(self) -> None:
+    def ended(self, session: LiveSession | None = None) -> None:
         """Hang up; viewers that do not read the last messages at once lose them."""
-        self._run(self._hang_up())
-        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._loop.call_soon_threadsafe(self._is_ending.set)
         self._thread.join()
-        self._loop.close()
-
-    def _run(self, coroutine: Coroutine[Any, Any, Result]) -> Result:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
 
     # What follows runs in the thread of the loop.
 
-    async def _listen(self, listening: socket.socket) -> Server:
-        from websockets.asyncio.server import serve
-        from websockets.typing import Origin, Subprotocol
+    async def _run(self, address: tuple[str, int], begun: Future[None]) -> None:
+        """Serve until the end; the future gets why it cannot begin."""
+        logging.disable()  # the libraries would write on the screen
+        try:
+            from websockets.asyncio.server import serve
+            from websockets.typing import Origin, Subprotocol
 
-        own = logging.getLogger(f"{__name__}.library")
-        for quiet in (own, logging.getLogger("asyncio")):  # they would write on the screen
-            quiet.propagate = False
-            quiet.handlers = [logging.NullHandler()]
-        return await serve(
-            self._serve,
-            sock=listening,
-            process_request=self._refused,
-            origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
-            subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
-            compression=None,
-            ping_interval=None,
-            close_timeout=_CLOSE_S,
-            logger=own,
-        )
+            server = await serve(
+                self._serve,
+                *address,
+                process_request=self._refused,
+                origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
+                subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
+                compression=None,
+                ping_interval=None,
+                close_timeout=_CLOSE_S,
+            )
+        except (ImportError, OSError) as error:
+            begun.set_exception(error)
+            return
+        self.url = f"ws://{address[0]}:{server.sockets[0].getsockname()[1]}"
+        self._loop, self._is_ending = asyncio.get_running_loop(), asyncio.Event()
+        begun.set_result(None)
+        await self._is_ending.wait()
+        server.close()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), 2 * _CLOSE_S)
+        for viewer in self._viewers:
+            viewer.transport.abort()
 
     def _refused(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request for another host; None for others."""
@@ -175,20 +178,19 @@ class FoxgloveServer(Observer):
         del self._viewers[connection]
 
     def _advertisement(self) -> dict[str, Any]:
-        from fte_sniff.recording.schema import TOPICS, encodable, schema_data, schema_name
+        from fte_sniff.recording.schema import encodable, schema_data, schema_name
 
-        topics = {topic.name: topic for topic in TOPICS}
         channels = [
             {
                 "id": number,
-                "topic": name,
+                "topic": topic.name,
                 "encoding": "protobuf",
-                "schemaName": schema_name(topics[name]),
+                "schemaName": schema_name(topic),
                 "schemaEncoding": "protobuf",
-                "schema": b64encode(schema_data(topics[name].schema)).decode(),
+                "schema": b64encode(schema_data(topic.schema)).decode(),
                 "metadata": {"port": encodable(port)},
             }
-            for (port, name), number in self._channels.items()
+            for (port, topic), number in self._channels.items()
         ]
         return {"op": "advertise", "channels": channels}
 
@@ -215,37 +217,14 @@ class FoxgloveServer(Observer):
                 transport.abort()
                 name = "{}:{}".format(*viewer.remote_address[:2])
                 print_err(f"the viewer {name} did not read, and was disconnected")
-        wanted = self.wanted
-        for entry in in_order(rows, events) if wanted else ():
+        for entry in in_order(rows, events) if self.wanted else ():
             t_ns = entry.t_ns or 0
             if isinstance(entry, PortEvent):
                 topic, encoded = EVENTS, encode_event(entry, t_ns)
             else:
                 topic = topic_of(entry)
                 encoded = encode_row(topic, entry, t_ns)
-            channel = self._channels[entry.port, topic.name]
+            channel = self._channels[entry.port, topic]
             for viewer, subscriptions in self._viewers.items():
-                if channel in subscriptions and not viewer.transport.is_closing():
+                if channel in subscriptions:
                     broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + encoded)
-
-    async def _hang_up(self) -> None:
-        self._server.close()
-        viewers = [*self._viewers]
-        with suppress(TimeoutError):
-            await asyncio.wait_for(self._server.wait_closed(), 2 * _CLOSE_S)
-        for viewer in viewers:
-            viewer.transport.abort()
-        for task in asyncio.all_tasks() - {asyncio.current_task()}:
-            task.cancel()
-
-
-def _listening(address: tuple[str, int]) -> socket.socket:
-    host, port = address
-    try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server(address, family=family)
-    except OSError as error:
-        reason, _, _ = reason_of(error).partition(" (while")  # Python adds the address
-        raise UsageError(
-            f"--serve {host}:{port}: {reason}; name another port, as in --serve 8766"
-        ) from None

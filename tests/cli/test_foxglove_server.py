@@ -70,7 +70,7 @@ def server() -> Iterator[FoxgloveServer]:
     try:
         yield found
     finally:
-        found.close()
+        found.ended()
 
 
 def viewer_at(address: str, **options: Any) -> Any:
