@@ -2,10 +2,9 @@
 
 By the encoding of the message, the bytes are:
 
-    cdr, with a schema        its one byte array: std_msgs/UInt8MultiArray, or any message whose
-                              schema has one uint8[]
-    protobuf, with a schema   its one field of type bytes
-    other or none             the message itself, but not JSON
+    cdr         of std_msgs/UInt8MultiArray, as ROS 2 drivers publish: its data
+    protobuf    its one field of type bytes
+    other       the message itself, but not JSON
 
 Messages may be in any order in a file. They are read in the order of their log times, as the
 readers of the `mcap` package do: a chunk is read when the first of its times is due.
@@ -13,12 +12,11 @@ readers of the `mcap` package do: a chunk is read when the first of its times is
 
 from __future__ import annotations
 
-import re
 import struct
 from collections.abc import Callable, Collection, Iterator
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final, TypeAlias
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
@@ -103,13 +101,14 @@ def _in_order(descriptor: int, contents: Contents, topics: Collection[str]) -> I
 
 
 def _payload_of(channel: Channel, contents: Contents) -> Payload:
-    schema = contents.schemas.get(channel.schema_id)
-    if channel.message_encoding == "protobuf" and schema is not None:
+    encoding, schema = channel.message_encoding, contents.schemas.get(channel.schema_id)
+    if encoding == "protobuf" and schema is not None:
         return _protobuf(schema)
-    if channel.message_encoding == "cdr" and schema is not None:
-        return _cdr(schema)
-    if channel.message_encoding == "json":
-        raise ValueError("its messages are JSON, which is not read")
+    if encoding == "cdr" and schema is not None and schema.name.endswith("/UInt8MultiArray"):
+        return _multi_array
+    if encoding in ("cdr", "json"):
+        name = schema.name if schema else encoding
+        raise ValueError(f"its messages are {name}, which is not read; publish UInt8MultiArray")
     return bytes
 
 
@@ -119,105 +118,34 @@ def _protobuf(schema: Schema) -> Payload:
     names = [
         one.name for one in fields if one.type == FieldDescriptor.TYPE_BYTES and not one.is_repeated
     ]
-    name = _only(names, schema.name)
+    if len(names) != 1:
+        has = ", ".join(names) or "none"
+        raise ValueError(f"{schema.name} must have one field of bytes to be read; it has {has}")
 
     def payload(data: bytes) -> bytes:
         try:
-            return bytes(getattr(message.FromString(data), name))
+            return bytes(getattr(message.FromString(data), names[0]))
         except DecodeError as error:
             raise ValueError("a message that does not fit its schema") from error
 
     return payload
 
 
-_SIZES: Final = {
-    **dict.fromkeys(("bool", "byte", "char", "uint8", "int8", "octet"), 1),
-    **dict.fromkeys(("uint16", "int16"), 2),
-    **dict.fromkeys(("uint32", "int32", "float32"), 4),
-    **dict.fromkeys(("uint64", "int64", "float64"), 8),
-}
-"""Bytes of the numbers of a CDR message."""
-_BYTES: Final = ("uint8[]", "byte[]", "char[]")
-_OWN: Final = {"Time": ["int32", "uint32"], "Duration": ["int32", "uint32"]}
-_CDR_HEAD: Final = 4
+def _multi_array(data: bytes) -> bytes:
+    """The data of a `std_msgs/UInt8MultiArray`; numbers are aligned to four bytes.
 
-
-def _cdr(schema: Schema) -> Payload:
-    """Extractor of the one byte array; the fields before it are skipped.
-
-    The text of a schema has the fields of its message, and then those of the messages in it.
+        head 4 | dimensions: count 4 (label: size 4, text | size 4 | stride 4)... | offset 4 |
+        data: size 4, bytes
     """
-    main, *others = re.split(r"=+\s*MSG: ", schema.data.decode("utf-8", "replace"))
-    types = _OWN | {text.split()[0].split("/")[-1]: _kinds(text) for text in others if text.strip()}
-    kinds = _kinds(main)
-    array = _only([kind for kind in kinds if kind in _BYTES], schema.name)
-    before = kinds[: kinds.index(array)]
-
-    def payload(data: bytes) -> bytes:
-        reader = _Cdr(data)
-        try:
-            for kind in before:
-                reader.skip(kind, types)
-        except RecursionError as error:
-            raise ValueError(f"{schema.name} has itself as a field") from error
-        return reader.sized()
-
-    return payload
-
-
-def _kinds(text: str) -> list[str]:
-    """The types of the fields of a message; constants are none."""
-    lines = [line.split("#")[0].split() for line in text.splitlines()]
-    return [line[0] for line in lines if len(line) >= 2 and "=" not in "".join(line[1:])]
-
-
-class _Cdr:
-    """Reader of a CDR message: four bytes of head, then numbers aligned to their size.
-
-    Each field takes at least one byte, so that a hostile schema does not take long.
-    """
-
-    def __init__(self, data: bytes) -> None:
-        if len(data) < _CDR_HEAD:
-            raise ValueError("a message without its header")
-        self._data = memoryview(data)[_CDR_HEAD:]
-        self._order: Literal["little", "big"] = "little" if data[1] & 1 else "big"
-        self._offset = 0
-
-    def skip(self, kind: str, types: dict[str, list[str]]) -> None:
-        """Skip a field; raises ValueError if its type is unknown, or the message too short."""
-        array = re.fullmatch(r"(.+)\[(<=)?(\d*)\]", kind)
-        if array is not None:
-            kind, bound, count = array.groups()
-            for _ in range(int(count) if count and not bound else self._count()):
-                self.skip(kind, types)
-        elif kind in _SIZES:
-            self._next(_SIZES[kind], _SIZES[kind])
-        elif kind.startswith("string"):
-            self.sized()
-        elif inner := types.get(kind.split("/")[-1]):
-            for one in inner:
-                self.skip(one, types)
-        else:
-            raise ValueError(f"a field of type {kind} before its bytes, which cannot be read")
-
-    def sized(self) -> bytes:
-        """The bytes of a string or an array behind their number."""
-        return bytes(self._next(self._count(), 1))
-
-    def _count(self) -> int:
-        return int.from_bytes(self._next(4, 4), self._order)
-
-    def _next(self, size: int, alignment: int) -> memoryview:
-        start = self._offset + -self._offset % alignment
-        if size > len(self._data) - start:
-            raise ValueError("a message that is shorter than it says")
-        self._offset = start + size
-        return self._data[start : self._offset]
-
-
-def _only(names: list[str], schema: str) -> str:
-    if len(names) != 1:
-        has = ", ".join(names) or "none"
-        raise ValueError(f"{schema} must have one field of bytes to be read; it has {has}")
-    return names[0]
+    try:
+        number = struct.Struct("<I" if data[1] & 1 else ">I")
+        (dimensions,), at = number.unpack_from(data, 4), 8
+        for _ in range(dimensions):
+            (size,) = number.unpack_from(data, at)
+            at += 12 + size + -size % 4
+        (size,) = number.unpack_from(data, at + 4)
+    except (IndexError, struct.error) as error:
+        raise ValueError("a message that is shorter than it says") from error
+    if at + 8 + size > len(data):
+        raise ValueError("a message that is shorter than it says")
+    return data[at + 8 : at + 8 + size]
