@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from fte_sniff.cli.input_files import FileName, output_options
+from fte_sniff.cli.input_files import FileName, output_options, print_notes, summary
 from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
+from fte_sniff.formats.writers import OutputFormat
+from fte_sniff.recording.output_file import Existing
+from fte_sniff.session.save import FileExport, is_same_file
 
-_MOST_GAPS = 20
+if TYPE_CHECKING:
+    from fte_sniff.recording.reader import Recording
+    from fte_sniff.session.inputs import InputReading, Progress
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
@@ -26,34 +32,43 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     fte-sniff repair cut.mcap
     fte-sniff repair cut.mcap -o repaired.mcap
     """
-    from fte_sniff.recording.output_file import Existing
-    from fte_sniff.recording.repair import Repair
+    from fte_sniff.recording.reader import Recording
 
     if not file.name:
         raise FileError(f"{file} is a directory; name a recording in it")
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
-    if target.exists() and file.exists() and target.samefile(file):
+    if is_same_file(target, file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
     with progress_line() as progress:
-        progress.step = f"repairing {file}"
-        repair = Repair(file)
-        if not repair.is_whole:
-            repair.write(target, Existing.REPLACE if force else Existing.REFUSE)
-    if repair.is_whole:
+        existing = Existing.REPLACE if force else Existing.REFUSE
+        reading = repaired(Recording(file), target, existing, progress)
+    if reading is None:
         print_err(f"{file} is whole; there is nothing to repair")
         return
-    whole = repair.lost_messages == 0 or not (repair.lost or repair.unreadable)
-    for lost in repair.lost[:_MOST_GAPS]:
-        where = repair.where(lost)
-        print_err(f"damaged: {where}, which held no rows" if whole else f"lost: {where}")
-    if len(repair.lost) > _MOST_GAPS:
-        print_err(f"and {len(repair.lost) - _MOST_GAPS} more places")
-    if repair.unreadable:
-        print_err(f"lost: {repair.unreadable} messages that could not be read")
-    number = repair.lost_messages
-    loss = (
-        "the number of rows after the damage is unknown" if number is None else f"{number} are lost"
-    )
-    kept = f"{repair.kept} rows and port events"
-    print_err(f"kept all {kept}" if whole else f"kept {kept}; {loss}")
+    print_notes(reading)
+    print_err(f"kept {summary(reading.tally, reading)}")
     print_err(f"repaired into {target}")
+
+
+def repaired(
+    recording: Recording, target: Path, existing: Existing, progress: Progress | None = None
+) -> InputReading | None:
+    """Copy what can be read of a recording to a new file, with a gap where something is lost.
+
+    Returns what was read; None if the recording is intact, and no file is written then. Raises
+    FileError if no row can be read of a file with data, or the new file cannot be written.
+    """
+    from fte_sniff.session.inputs import InputReading, recording_input
+
+    recording.find_all_damage()
+    reading = InputReading([recording_input(recording)], progress=progress)
+    copy = FileExport(target, OutputFormat.MCAP, reading.source, existing)
+    try:
+        for item in reading:
+            copy.write(item)
+        if recording.is_whole:
+            return None
+        copy.close()
+    finally:
+        copy.abandon()
+    return reading

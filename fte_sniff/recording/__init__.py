@@ -1,4 +1,4 @@
-"""MCAP recordings: write, read, repair, rotate.
+"""MCAP recordings: write, read, rotate.
 
 Modules:
 
@@ -8,7 +8,6 @@ Modules:
     output_file    The file of a recording: name, lock, identity, refusals.
     reader         Recording: rows, port events and gaps of a file; what could not be read.
     recorder       Recorder: rows in, files out; rotation, retention, gaps on write errors.
-    repair         Repair a damaged recording.
     schema         Topics and schemas; one message.
     skeletons      Messages to columns and back: those that differ in numbers only, at once.
     writer         Writers of one recording: a growing file, and a file or pipe in sequence.

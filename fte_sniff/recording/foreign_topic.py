@@ -134,8 +134,8 @@ def _protobuf(schema: Schema) -> Payload:
 def _multi_array(data: bytes) -> bytes:
     """The data of a `std_msgs/UInt8MultiArray`; numbers are aligned to four bytes.
 
-        head 4 | dimensions: count 4 (label: size 4, text | size 4 | stride 4)... | offset 4 |
-        data: size 4, bytes
+    head 4 | dimensions: count 4 (label: size 4, text | size 4 | stride 4)... | offset 4 |
+    data: size 4, bytes
     """
     try:
         number = struct.Struct("<I" if data[1] & 1 else ">I")

@@ -282,6 +282,12 @@ class Recording:
         self.contents = found
         return found.chunks[known:]
 
+    def find_all_damage(self) -> None:
+        """Walk over all records: a summary does not show damage beside the chunks."""
+        with self._open() as file:
+            lost = walk(file).lost
+        self.contents.lost += [one for one in lost if one not in self.contents.lost]
+
     @property
     def has_writer(self) -> bool:
         """Whether a program holds the writer's lock; False also where locks do not work."""

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.cli.foxglove_server import FoxgloveServer
+from fte_sniff.cli.repair import repaired
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
-from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.schema import TOPICS
 from fte_sniff.recording.writer import RecordingWriter
 from tests.beside import running
@@ -96,9 +97,9 @@ def _repair(folder: Path, *, chunk: int) -> None:
     marks = [at for at in range(len(content)) if content.startswith(b"\x04\0\0\0zstd", at)]
     content[marks[chunk] + 100] ^= 1
     damaged.write_bytes(content)
-    repair = Repair(damaged)
-    repair.write(folder / "repaired.mcap", Existing.REFUSE)
-    assert (len(repair.lost), repair.lost_messages) == (1, 50)
+    repair = repaired(Recording(damaged), folder / "repaired.mcap", Existing.REFUSE)
+    assert repair is not None
+    assert repair.tally.rows == 150
 
 
 RECORDINGS = {

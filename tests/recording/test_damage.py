@@ -20,14 +20,13 @@ from mcap.records import Chunk, Message
 from mcap.writer import Writer
 from zlib_ng.zlib_ng import crc32
 
+from fte_sniff.cli.repair import repaired
 from fte_sniff.errors import FileError
-from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording.chunks import LARGEST, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
-from fte_sniff.recording.repair import Repair
 from fte_sniff.recording.writer import RecordingWriter, bytes_of
 from tests.examples import examples
 from tests.recording.samples import (
@@ -94,22 +93,26 @@ def check(one: Recorded, damaged: bytes, path: Path, span: TimeRange) -> Found:
 
 
 def check_repair(one: Recorded, path: Path, found: Found) -> None:
-    """A repaired file is whole, has the rows that were read, and states what was lost."""
+    """A repaired file is whole, and has the rows that were read."""
     mended, content = path.with_name("mended.mcap"), path.read_bytes()
+    mended.unlink(missing_ok=True)
     try:
-        repair = Repair(path)
-        repair.write(mended, Existing.REPLACE)
+        repair = repaired(Recording(path), mended, Existing.REFUSE)
     except FileError:
         assert not found.rows
+        assert not mended.exists()
         return
     assert path.read_bytes() == content
+    if repair is None:
+        assert (found.rows, found.reports) == (one.rows, [])
+        assert not mended.exists()
+        return
     again = found_in(mended)
     assert (again.rows, again.reports) == (found.rows, [])
-    assert Repair(mended).is_whole
+    assert repaired(Recording(mended), path.with_name("again.mcap"), Existing.REFUSE) is None
     with mended.open("rb") as file:
         messages = sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())
-    assert messages == repair.kept == len(found.rows)
-    assert not repair.is_whole or (found.rows == one.rows and not found.reports)
+    assert messages == repair.tally.rows == len(found.rows)
 
 
 def check_growing(path: Path, found: Found) -> None:
@@ -240,23 +243,17 @@ def test_a_flipped_bit_in_a_name_puts_no_row_on_another_port(tmp_path: Path) -> 
             assert check(one, altered, tmp_path / "x.mcap", EVERYTHING).rows == one.rows
 
 
-def test_a_loss_is_stated_in_bytes_and_times(tmp_path: Path) -> None:
+def test_a_loss_is_stated_in_bytes_and_is_a_gap_of_the_repaired_file(tmp_path: Path) -> None:
     one, path = recorded("one port"), tmp_path / "x.mcap"
-    (start, end), rows = [*one.chunks.items()][2]
+    start, end = [*one.chunks][2]
     before, after = (one.chunks[[*one.chunks][number]] for number in (1, 3))
     damaged = overwritten(one.content, (end - 5, bytes(5)))
     reports = check(one, damaged, path, EVERYTHING).reports
     where = f"bytes {start} to {end}"
     assert reports == [f"{where} could not be read: a chunk that does not unpack"]
-    repair = Repair(path)
-    assert repair.lost_messages == len(rows)
-    times = f"{iso_time(before[-1].t_ns)} and {iso_time(after[0].t_ns)}"
-    assert repair.where(*repair.lost) == f"{where} ({end - start} bytes), between {times}"
-    with (tmp_path / "mended.mcap").open("rb") as file:
-        stated = {one.name: one.metadata for one in make_reader(file).iter_metadata()}
-    assert stated["fte-sniff.repair"]["lost.bytes"] == str(end - start)
-    assert stated["fte-sniff.repair"]["lost.messages"] == str(len(rows))
-    assert stated["fte-sniff.repair"]["lost.1"].startswith(f"{where} (")
+    (gap,) = Recording(tmp_path / "mended.mcap").gaps()
+    assert (gap.start_ns, gap.end_ns) == ((before[-1].t_ns or 0) + 1, (after[0].t_ns or 0) - 1)
+    assert gap.reason == "a chunk that does not unpack"
 
 
 @pytest.mark.parametrize("way", ["one port", "under way"])
@@ -379,7 +376,7 @@ def test_what_is_not_a_recording_is_one_line(tmp_path: Path, name: str) -> None:
     assert str(path) in report
     assert report.isprintable()
     with pytest.raises(FileError):
-        Repair(path).write(tmp_path / "mended.mcap", Existing.REPLACE)
+        repaired(Recording(path), tmp_path / "mended.mcap", Existing.REPLACE)
     assert not (tmp_path / "mended.mcap").exists()
 
 
@@ -390,12 +387,10 @@ def test_a_repaired_file_has_the_events_and_replaces_none_unasked(tmp_path: Path
         writer.write(*EVENTS)
     path.write_bytes(path.read_bytes()[:-20])
     other.write_bytes(b"precious")
-    repair = Repair(path)
-    assert not repair.is_whole
     with pytest.raises(FileError, match="exists already"):
-        repair.write(other, Existing.REFUSE)
+        repaired(Recording(path), other, Existing.REFUSE)
     assert other.read_bytes() == b"precious"
-    repair.write(other, Existing.REPLACE)
+    repair = repaired(Recording(path), other, Existing.REPLACE)
     assert events_in(other) == EVENTS
-    assert repair.kept == len(some_rows()) + len(EVENTS)
-    assert repair.lost_messages is None
+    assert repair is not None
+    assert repair.tally.rows == len(some_rows())
