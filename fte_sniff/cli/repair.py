@@ -12,7 +12,7 @@ from fte_sniff.cli.streams import print_err, progress_line
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import OutputFormat
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.save import FileExport, is_same_file
+from fte_sniff.session.save import exported, is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.recording.reader import Recording
@@ -60,15 +60,10 @@ def repaired(
     """
     from fte_sniff.session.inputs import InputReading, recording_input
 
-    recording.find_all_damage()
+    if recording.is_intact():
+        return None
     reading = InputReading([recording_input(recording)], progress=progress)
-    copy = FileExport(target, OutputFormat.MCAP, reading.source, existing)
-    try:
+    with exported(target, OutputFormat.MCAP, reading.source, existing) as write:
         for item in reading:
-            copy.write(item)
-        if recording.is_whole:
-            return None
-        copy.close()
-    finally:
-        copy.abandon()
+            write(item)
     return reading

@@ -18,7 +18,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
-from itertools import chain
 from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -29,7 +28,7 @@ from mcap.records import Channel
 from mcap.well_known import MessageEncoding
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
-from fte_sniff.platform import cores, is_locked, read_at
+from fte_sniff.platform import is_locked, read_at
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import Array, Bools, Item, Rows
 from fte_sniff.recording.chunks import (
@@ -57,7 +56,6 @@ from fte_sniff.recording.schema import (
     TOPIC_BY_NAME,
     TOPICS,
     Topic,
-    channel_ids,
     message_class,
     schema_data,
     schema_name,
@@ -73,12 +71,12 @@ from fte_sniff.recording.skeletons import (
 SUFFIX: Final = ".mcap"
 BATCH: Final = 1024 * 1024
 """Unpacked bytes of one batch, at most; a larger chunk is one: it is not copied."""
-_MOST_AHEAD: Final = 64 * 1024 * 1024
-"""Unpacked bytes that wait to be decoded, at most, beside one batch."""
+_THREADS: Final = 2
+"""Threads that unpack batches: more than one thread that decodes can use."""
+_AHEAD: Final = 3
+"""Batches that are unpacked before their turn."""
 _LATEST: Final = 2**63 - 1
 _MOST_TOPICS: Final = 10
-_MOST_FIRST: Final = 4
-"""Chunks that are read for definitions when a file without summary is opened."""
 _MOST_LOSSES: Final = 10
 
 
@@ -130,22 +128,17 @@ class Recording:
         """
         self.path = path
         self.contents = Contents()
-        self.unreadable = 0
-        """Messages that could not be read so far."""
-        self.messages = 0
-        """Messages in the chunks that were read so far."""
         self._decoder = MessageDecoder()
-        self._rows = 0
+        self._has_rows = False
         with self._open() as file:
             found = os.fstat(file.fileno())
             self._identity = found.st_dev, found.st_ino
-            self._check_start(file)
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
-            first = [] if self.contents.is_indexed else self.contents.chunks[:_MOST_FIRST]
-            parts = _unpacked(file.fileno(), first)
-        self._define_from([part for part in parts if isinstance(part, Messages)][:1])
-        if not is_growing or self.contents.channels:
-            self._check_topics()
+            # Without a summary, only the chunks have the definitions.
+            first = [] if self.contents.is_indexed else self.contents.chunks[:1]
+            for part in _unpacked(file.fileno(), first):
+                self._define_from([part] if isinstance(part, Messages) else [])
+            self._check(file, is_growing=is_growing)
 
     # What the file reports about itself
 
@@ -206,9 +199,6 @@ class Recording:
         if len(lost) > _MOST_LOSSES:
             more = len(lost) - _MOST_LOSSES
             lines.append(TranslatableText("{count} more damaged spans", count=more))
-        if self.unreadable:
-            text = TranslatableText("{count} messages could not be read", count=self.unreadable)
-            lines.append(text)
         return lines
 
     # Reading
@@ -243,50 +233,47 @@ class Recording:
         between = (one for one in self.contents.lost if one.start not in starts)
         lost = [one for one in between if starts and min(starts) < one.start < max(starts)]
         jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
-        with ThreadPoolExecutor(cores()) as threads, self._open() as file:
-            # The last group is empty: all others are decoded before it.
-            for group in [*_groups(sorted([*within, *lost], key=lambda one: one.start)), []]:
-                waiting = sum(map(_size_of, chain(group, *(own for own, _ in jobs))))
-                most = cores() if group and waiting <= _MOST_AHEAD else 0
-                while len(jobs) > most:
-                    own, job = jobs.popleft()
-                    yield from span.within(self._decode(own, job.result()))
+        with ThreadPoolExecutor(_THREADS) as threads, self._open() as file:
+            for group in _groups(sorted([*within, *lost], key=lambda one: one.start)):
                 jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
+                if len(jobs) > _AHEAD:
+                    own, job = jobs.popleft()
+                    yield from span.within(self._items_of(own, job.result()))
+            for own, job in jobs:
+                yield from span.within(self._items_of(own, job.result()))
 
-    def grow(self) -> list[ChunkRef]:
+    def grow(self, *, is_over: bool = False) -> list[ChunkRef]:
         """The chunks that another program added since the previous call.
+
+        If nobody writes the file any more (`is_over`), those behind damage too.
 
         Raises FileError if the file was deleted, replaced or cut off.
         """
-        chunks = self.contents.chunks
-        first = chunks[-1].end if chunks else 0
+        contents, last = self.contents, self.contents.chunks[-1:]
         with self._open() as file:
-            self._check_identity(file, first)
-            added = walk(file, first, is_growing=True)
-        chunks += added.chunks
-        known = self.contents.metadata
-        known += [one for one in added.metadata if one not in known]
-        self.contents.schemas |= added.schemas
-        self.contents.channels |= added.channels
-        return added.chunks
+            found = os.fstat(file.fileno())
+            is_same = (found.st_dev, found.st_ino) == self._identity
+            if not is_same or found.st_size < sum(one.end for one in last):
+                raise FileError(
+                    "{path} was replaced by another file, or cut off, while it was followed",
+                    path=self.path,
+                )
+            added = walk(file, sum(one.start for one in last), is_growing=not is_over)
+        contents.chunks += added.chunks[len(last) :]
+        contents.metadata += [one for one in added.metadata if one not in contents.metadata]
+        contents.lost += [one for one in added.lost if one not in contents.lost]
+        contents.schemas |= added.schemas
+        contents.channels |= added.channels
+        return added.chunks[len(last) :]
 
-    def settle(self) -> list[ChunkRef]:
-        """The chunks that were added to a file that nobody writes any more; raises as `grow`."""
-        known = len(self.contents.chunks)
-        self.grow()
+    def is_intact(self) -> bool:
+        """Whether all of the file can be read, also what a summary does not list."""
         with self._open() as file:
-            found = contents_of(file)
-        found.lost += [one for one in self.contents.lost if one not in found.lost]
-        found.schemas = self.contents.schemas | found.schemas
-        found.channels = self.contents.channels | found.channels
-        self.contents = found
-        return found.chunks[known:]
-
-    def find_all_damage(self) -> None:
-        """Walk over all records: a summary does not show damage beside the chunks."""
-        with self._open() as file:
-            lost = walk(file).lost
-        self.contents.lost += [one for one in lost if one not in self.contents.lost]
+            for lost in walk(file).lost:
+                self._note(lost)
+        for _ in self.items():
+            pass
+        return self.is_whole
 
     @property
     def has_writer(self) -> bool:
@@ -311,7 +298,7 @@ class Recording:
     @property
     def nothing_read(self) -> FileError | None:
         """Why no row was read, although the file has data; None if one was, or it has none."""
-        if self._rows or not self.losses:
+        if self._has_rows or not self.losses:
             return None
         return FileError(
             "{path}: no row in it could be read, although it has data: {why}; try another copy of "
@@ -322,42 +309,47 @@ class Recording:
 
     # Decoding
 
-    def _decode(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
+    def _items_of(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
         """The rows, port events and gaps of a group that was unpacked."""
-        whole = [part for part in parts if isinstance(part, Messages)]
-        self._define_from(whole if not self.contents.is_indexed else ())
-        messages = Messages.joined(whole or [_NO_MESSAGES])
-        used = np.flatnonzero(np.bincount(messages.channels)).tolist()
-        channels = {id_: own for id_ in used if (own := self._channel(id_)) is not None}
-        found = self._decoder.decode(messages, channels)
-        self.unreadable += found.unreadable
-        self.messages += len(messages.starts)
-        self._rows += len(found.rows) + len(found.events)
-        between: list[tuple[int, PortEvent | Gap]]
-        between = [*self._gaps_in(group, parts), *found.events.items()]
-        done = 0
-        for place, item in sorted(between, key=itemgetter(0)):
-            before = int(found.places.searchsorted(place))
-            yield from [found.rows[done:before]] if before > done else []
-            yield item
-            done = before
-        yield from [found.rows[done:]] if done < len(found.rows) else []
-
-    def _gaps_in(
-        self, group: _Group, parts: list[Messages | LostBytes]
-    ) -> Iterator[tuple[int, Gap]]:
-        """The gaps where chunks are damaged or bytes lost; each with the messages before it."""
-        place = 0
+        whole: list[tuple[ChunkRef | LostBytes, Messages]] = []
         for one, part in zip(group, parts, strict=True):
             if isinstance(part, Messages):
-                place += len(part.starts)
+                whole.append((one, part))
                 continue
-            if part not in self.contents.lost:
-                self.contents.lost.append(part)
+            yield from self._decode(whole)
+            whole = []
+            self._note(part)
             gap = Gap(GapKind.DAMAGE, reason=part.why)
             if isinstance(one, ChunkRef):
                 gap = gap._replace(start_ns=one.first_ns, end_ns=one.last_ns)
-            yield place, gap
+            yield gap
+        yield from self._decode(whole)
+
+    def _decode(self, chunks: list[tuple[ChunkRef | LostBytes, Messages]]) -> Iterator[Item]:
+        """The rows and port events of consecutive chunks."""
+        if not chunks:
+            return
+        parts = [messages for _, messages in chunks]
+        self._define_from(parts if not self.contents.is_indexed else ())
+        messages = Messages.joined(parts)
+        used = np.flatnonzero(np.bincount(messages.channels)).tolist()
+        channels = {id_: own for id_ in used if (own := self._channel(id_)) is not None}
+        found = self._decoder.decode(messages, channels)
+        if found.unreadable:
+            why = TranslatableText("{count} messages", count=found.unreadable)
+            self._note(LostBytes(chunks[0][0].start, chunks[-1][0].stop, why))
+        self._has_rows |= bool(len(found.rows) or found.events)
+        done = 0
+        for place, event in sorted(found.events.items(), key=itemgetter(0)):
+            before = int(found.places.searchsorted(place))
+            yield from [found.rows[done:before]] if before > done else []
+            yield event
+            done = before
+        yield from [found.rows[done:]] if done < len(found.rows) else []
+
+    def _note(self, lost: LostBytes) -> None:
+        if lost not in self.contents.lost:
+            self.contents.lost.append(lost)
 
     def _define_from(self, chunks: Iterable[Messages]) -> None:
         """Apply the definitions at the beginning of chunks, which have a checksum."""
@@ -383,14 +375,13 @@ class Recording:
         return _own_type(TOPICS[(id_ - 1) % len(TOPICS)]), self._port_of(id_)
 
     def _port_of(self, id_: int) -> str:
-        """The port of a channel: its own, that of the port's other channels, or by its number."""
-        number = (id_ - 1) // len(TOPICS)
-        for one in map(self.contents.channels.get, (id_, *channel_ids(number))):
-            if one is not None and "port" in one.metadata:
-                return one.metadata["port"]
+        """The port of a channel, or by the channel's number."""
+        channel, number = self.contents.channels.get(id_), (id_ - 1) // len(TOPICS) + 1
+        if channel is not None and "port" in channel.metadata:
+            return channel.metadata["port"]
         if not self._is_own:
             return self.path.name
-        return self.facts.get(f"port.{number + 1}.name", f"port {number + 1}")
+        return self.facts.get(f"port.{number}.name", f"port {number}")
 
     @property
     def _is_own(self) -> bool:
@@ -407,8 +398,8 @@ class Recording:
         except OSError as error:
             raise unreadable(self.path, error) from error
 
-    def _check_start(self, file: BinaryIO) -> None:
-        """Raise FileError unless the file begins as an MCAP file, or has chunks."""
+    def _check(self, file: BinaryIO, *, is_growing: bool) -> None:
+        """Raise FileError unless a file has, or may have had, topics of this program."""
         start = file.read(len(MAGIC))
         if not start:
             raise FileError("{path} is empty; there is nothing to read", path=self.path)
@@ -418,33 +409,18 @@ class Recording:
                 "`fte-sniff decode --input hex LOG -o NAME.mcap`, or --input raw for raw bytes",
                 path=self.path,
             )
-
-    def _check_topics(self) -> None:
-        """Raise FileError for an MCAP file of another program; the text lists its topics."""
-        is_ours = self.contents.library.startswith(PROGRAM)
-        names = sorted({one.topic for one in self.contents.channels.values()})
-        known = any(map(_is_ours, self.contents.channels.values()))
-        if known or is_ours or (self.contents.lost and not names):
+        channels = self.contents.channels.values()
+        may_grow = is_growing or bool(self.contents.lost)
+        if self.contents.library.startswith(PROGRAM) or (may_grow and not channels):
             return
-        has: str = listed(map(repr, names[:_MOST_TOPICS])) or TranslatableText("no topics at all")
-        if len(names) > _MOST_TOPICS:
-            has = TranslatableText(
-                "{listed} and {count} more", listed=has, count=len(names) - _MOST_TOPICS
-            )
-        raise FileError(
-            "{path} is an MCAP, but has no topics of fte-sniff (/fte/...): it has {topics}; if one "
-            "of them has serial bytes, name it with --topic",
-            path=self.path,
-            topics=has,
-        )
-
-    def _check_identity(self, file: BinaryIO, least: int) -> None:
-        """Raise FileError if what was read is not in the file any more."""
-        found = os.fstat(file.fileno())
-        if (found.st_dev, found.st_ino) != self._identity or found.st_size < least:
+        if not any(map(_is_ours, channels)):
+            names = [*map(repr, sorted({one.topic for one in channels}))]
+            names[_MOST_TOPICS:] = ["..."] * (len(names) > _MOST_TOPICS)
             raise FileError(
-                "{path} was replaced by another file, or cut off, while it was followed",
+                "{path} is an MCAP, but has no topics of fte-sniff (/fte/...): it has {topics}; if "
+                "one of them has serial bytes, name it with --topic",
                 path=self.path,
+                topics=listed(names) or TranslatableText("no topics at all"),
             )
 
 

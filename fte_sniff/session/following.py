@@ -51,10 +51,7 @@ def grown(
     seen, over = 0, False
     while not over:
         over = is_over()  # first: what was flushed before is then complete
-        if over and not reader.has_writer:
-            reader.settle()
-        else:
-            reader.grow()
+        reader.grow(is_over=over and not reader.has_writer)
         chunks = reader.contents.chunks[seen:]
         seen += len(chunks)
         yield from reader.read(chunks, span)

@@ -120,7 +120,7 @@ def check_growing(path: Path, found: Found) -> None:
     growing = Recording(path, is_growing=True)
     rows = rows_of(growing.read(growing.contents.chunks))
     assert unnamed(rows) == unnamed(found.rows[: len(rows)])
-    growing.settle()
+    growing.grow(is_over=True)
     assert unnamed(rows_of([*growing.items()])) == unnamed(found.rows)
 
 
@@ -282,7 +282,8 @@ def test_a_large_message_is_in_memory_once(tmp_path: Path) -> None:
     finally:
         tracemalloc.stop()
     assert found.rows == one.rows
-    assert found.reports == ["1 messages could not be read"]
+    (report,) = found.reports
+    assert report.endswith("could not be read: 1 messages")
 
 
 def test_many_losses_are_summed_up(tmp_path: Path) -> None:
@@ -360,7 +361,7 @@ REFUSED = {
     "raw": (lambda path: path.write_bytes(b"\xaa"), "decode --input hex LOG -o"),
     "short": (lambda path: path.write_bytes(MAGIC[:4]), "is not an MCAP recording"),
     "topics": (lambda path: mcap(path, ["/tf", "/e\x1b[31m"]), r"'/e\x1b[31m'"),
-    "many topics": (lambda path: mcap(path, [f"/t{n:02}" for n in range(23)]), "and 13 more"),
+    "many topics": (lambda path: mcap(path, [f"/t{n:02}" for n in range(23)]), "'/t09', ..."),
     "no topics": (lambda path: mcap(path, []), "no topics at all"),
     "encoding": (lambda path: mcap(path, ["/fte/control/motor1"]), "/fte/control/motor1"),
 }

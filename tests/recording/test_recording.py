@@ -181,8 +181,8 @@ def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
     writer.write(*EVENTS)
     writer.close()
     assert not recording.has_writer
-    assert [*recording.read(recording.settle())] == EVENTS
-    assert recording.is_whole
+    assert [*recording.read(recording.grow(is_over=True))] == EVENTS
+    assert recording.losses == []
     assert recording.ports == [FIRST, replace(SECOND, baud=None)]
 
 
@@ -329,6 +329,7 @@ def test_a_recording_can_be_opened_while_its_end_is_replaced(tmp_path: Path) -> 
         recording = Thread(target=record)
         recording.start()
         while recording.is_alive():
-            assert not Recording(path).unreadable
+            assert not Recording(path, is_growing=True).losses
+            assert Recording(path).contents.channels
         recording.join()
     assert len(rows_in(path)) == 1000
