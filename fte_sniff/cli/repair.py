@@ -58,12 +58,12 @@ def repaired(
     Returns what was read; None if the recording is intact, and no file is written then. Raises
     FileError if no row can be read of a file with data, or the new file cannot be written.
     """
-    from fte_sniff.session.inputs import InputReading, recording_input
+    from fte_sniff.session.inputs import InputReading, Progress, recording_input
 
     if recording.is_intact():
         return None
-    reading = InputReading([recording_input(recording)], progress=progress)
-    with exported(target, OutputFormat.MCAP, reading.source, existing) as write:
+    reading = InputReading([recording_input(recording)], progress=progress or Progress())
+    with exported(target, OutputFormat.MCAP, reading.source(), existing) as write:
         for item in reading:
             write(item)
     return reading
