@@ -20,8 +20,8 @@ import codecs
 import re
 import select
 from binascii import a2b_base64
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache, partial
 from itertools import chain, product
@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple, NoReturn
 
 from fte_sniff.errors import FileError, InputTextError, quoted
-from fte_sniff.formats.log_text import LONGEST_LINE, LogText, is_text
+from fte_sniff.formats.log_text import LONGEST_LINE, has_control_codes, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
 from fte_sniff.platform import POSIX
@@ -96,7 +96,7 @@ _OCTAL: Final = rf"[0-3][0-7]{{2}}{_END}"
 _OCTAL_WORD: Final = rf"[01][0-7]{{5}}{_END}"
 _DECIMAL: Final = rf"-?\d{{1,3}}{_END}"
 _PAIRS: Final = (
-    rf"{_BYTE}(?:({_SIGN}){_BYTE}(?!(?!\1){_SIGN}{_BYTE})"
+    rf"(?=[0-9A-Fa-f\\$%#&xXhH]){_BYTE}(?:({_SIGN}){_BYTE}(?!(?!\1){_SIGN}{_BYTE})"
     rf"(?:(?:\1| ?- ?| [|┊] ){_BYTE}| {{2}}{_BYTE}(?!\S))*+)?"
 )
 """Bytes with one sign between them; in the middle of a line of a dump there is another."""
@@ -141,6 +141,8 @@ _WAY: Final = re.compile(
 )
 _NUMBER: Final = re.compile(r"\b[0-9A-Fa-f]*\d[0-9A-Fa-f]*\b|\d+")
 _ZEROS: Final = str.maketrans("123456789", "0" * 9)
+_COUNT: Final = re.compile(r"(?<![\w.:])\d+(?![\w.:])|\s+")
+"""A number of its own, such as that of a record, which changes from line to line."""
 _LETTERS: Final = re.compile(r"[^\W\d_]{2}")
 _LONGEST_BEFORE: Final = 200
 """Characters before a run that may name its way."""
@@ -170,10 +172,7 @@ class Entry(NamedTuple):
     """`tx`, `rx`, the word that a regular expression found, or nothing."""
     before: str
     """The text before the data; the time in it is a line feed."""
-
-
-Parsed = tuple[str, re.Match[str] | None, list[Entry]]
-"""The text of a line without its time, the time, and the data; a heading has none."""
+    time: re.Match[str] | None
 
 
 class Heading(NamedTuple):
@@ -183,12 +182,8 @@ class Heading(NamedTuple):
     text: str = ""
     time: re.Match[str] | None = None
 
-    def under(self, text: str, time: re.Match[str] | None) -> Heading:
-        """The headings below a line without data."""
-        way = way_in(text) or self.way
-        return Heading(way, text.strip() or self.text, time or self.time)
 
-
+Found = Sequence[tuple[Entry, Heading]]
 Lane = tuple[str, str]
 """What runs with data have in common: the last word before them, and the sign between two bytes."""
 _FEW: Final = 4
@@ -235,38 +230,32 @@ def _is_last(text: str, end: int) -> bool:
     return not (text.startswith(":", end) or _LETTERS.search(text, end))
 
 
-def _numberless(text: str) -> str:
-    return _NUMBER.sub("0", text)
-
-
 Label = Callable[[Entry, Heading], str]
 """What names the wire of data, by the data and the headings above."""
-_OWN_WORD: Final[Label] = lambda entry, above: entry.way  # noqa: E731
-_WORD_ABOVE: Final[Label] = lambda entry, above: entry.way or above.way  # noqa: E731
-_NAMES_ABOVE: Final[Sequence[Label]] = (
-    lambda entry, above: above.text,
-    lambda entry, above: _numberless(above.text),
-)
-_NAMES: Final[Sequence[Label]] = (
-    lambda entry, above: entry.before.strip(),
-    lambda entry, above: _numberless(entry.before.strip()),
-    *_NAMES_ABOVE,
-)
+_WAY_BESIDE: Final[Label] = lambda entry, above: entry.way  # noqa: E731
+_WAY_ABOVE: Final[Label] = lambda entry, above: entry.way or above.way  # noqa: E731
+_NAME_BESIDE: Final[Label] = lambda entry, above: _COUNT.sub("0", entry.before.strip())  # noqa: E731
+_NAME_ABOVE: Final[Label] = lambda entry, above: _COUNT.sub("0", above.text)  # noqa: E731
 _MOST_NAMES: Final = 8
 _WAY_OF: Final = {HEADERS[Direction.CONTROL]: "tx", HEADERS[Direction.FEEDBACK]: "rx"}
 """By header of a frame."""
 
 
-def _ways_of_names(found: Iterable[tuple[Entry, Heading]], label: Label) -> dict[str, str]:
+def _ways_of_names(found: Found, label: Label) -> dict[str, str]:
     """The ways of labels, if with each are frames of one direction only; else nothing."""
-    data = defaultdict[str, bytes](bytes)
-    for entry, above in found:
-        data[label(entry, above)] += entry.data
-    heads = {name: {one[0] for one in _FRAME.findall(own)} for name, own in data.items()}
+    heads = {name: {*map(itemgetter(0), _FRAME.findall(own))} for name, own in _by(found, label)}
     are_pure = len(heads) <= _MOST_NAMES and all(len(own) == 1 for own in heads.values())
     if not are_pure or set[int]().union(*heads.values()) != _WAY_OF.keys():
         return {}
     return {name: _WAY_OF[min(own)] for name, own in heads.items()}
+
+
+def _by(found: Found, label: Label) -> ItemsView[str, bytes]:
+    """The data by its labels."""
+    data = defaultdict[str, bytes](bytes)
+    for entry, above in found:
+        data[label(entry, above)] += entry.data
+    return data.items()
 
 
 class LineReader:
@@ -283,32 +272,30 @@ class LineReader:
         self.form, self._style, self._pattern = form, style, pattern
         self._cuts: dict[Lane, slice] = {}
         """By lane with frames, which bytes of a run are data: none if another lane has them too."""
-        self._ends = set[tuple[str, bool]]()
-        """By word, whether something may be behind a short run."""
-        self._skipped, self._example, self._above = 0, "", Heading()
-        self._names: Mapping[str, str] | None = None
-        """Ways by label; None if the labels are ways."""
+        self._has_words_behind = False
+        """Whether words may be behind a short run."""
+        self._above, self._heads, self._skipped, self._example = Heading(), True, 0, ""
         if pattern is None:
             self._learn_lanes(lines)
-        self._learn_wires(map(self._parsed, lines))
+        self._learn_wires([*self._entries(lines)])
+        self._above, self._skipped, self._example = Heading(), 0, ""
 
     # Lanes
 
     def _learn_lanes(self, lines: Iterable[str]) -> None:
-        lanes, all_data = defaultdict[Lane, list[tuple[bool, bytes]]](list), list[bytes]()
+        lanes, all_data = defaultdict[Lane, list[bytes]](list), list[bytes]()
+        ends = defaultdict[Lane, set[bool]](set)
         for text, _ in map(self._masked, lines):
             for run in self.form.run.finditer(text):
-                end, data = _is_last(text, run.end()), self._bytes(run)
-                lanes[self._lane(text, run)].append((end, data))
+                lane, data = self._lane(text, run), self._bytes(run)
+                lanes[lane].append(data)
+                ends[lane] |= {_is_last(text, run.end())} if len(data) >= _FEW else set()
         for lane, runs in lanes.items():
-            if not _FRAME.search(data := b"".join(run for _, run in runs)):
-                continue
-            is_twin = any(_are_twins(data, other) for other in all_data)
-            self._add(lane, slice(0) if is_twin else _best_cut([run for _, run in runs]))
-            all_data.append(data)
-            long = [end for end, run in runs if len(run) >= _FEW]
-            ends = Counter(long or [end for end, _ in runs])
-            self._ends |= {(lane[0], end) for end, n in ends.items() if 3 * n >= ends.total()}
+            if _FRAME.search(data := b"".join(runs)):
+                is_twin = any(_are_twins(data, other) for other in all_data)
+                self._add(lane, slice(0) if is_twin else _best_cut(runs))
+                all_data.append(data)
+                self._has_words_behind |= False in ends[lane]
 
     def _add(self, lane: Lane, cut: slice) -> None:
         for one in (lane, (lane[0], "")):  # a single byte has no sign
@@ -334,21 +321,34 @@ class LineReader:
 
     # Lines
 
-    def _parsed(self, line: str) -> Parsed:
-        if self._pattern is not None:
-            return self._groups_of(line, self._pattern)
-        text, time = self._masked(line)
+    def _entries(self, lines: Iterable[str]) -> Iterator[tuple[Entry, Heading]]:
+        """The data of lines, and the headings above."""
+        for line in lines:
+            text, time = self._masked(line)
+            found = self._parsed(text, time) if self._pattern is None else self._groups(line)
+            for entry in found:
+                yield entry, self._above
+            if not found and not (self._heads and self._is_heading(text, time)) and text:
+                self._skipped += 1
+                self._example = self._example or line
+
+    def _is_heading(self, text: str, time: re.Match[str] | None) -> bool:
+        """Whether a line without data has a time or names a way, for the lines below."""
+        way, above = way_in(text), self._above
+        self._above = Heading(way or above.way, text or above.text, time or above.time)
+        return way != "" or time is not None
+
+    def _parsed(self, text: str, time: re.Match[str] | None) -> list[Entry]:
         found, stop, way = list[Entry](), 0, ""
         for run in self.form.run.finditer(text):
             if data := self._data(text, run):
                 before = text[stop : run.start()][-_LONGEST_BEFORE:]
-                way = way_in(before) or way if self._names is None else ""
-                found.append(Entry(data, way, before))
+                way = way_in(before) or way
+                found.append(Entry(data, way, before, time))
                 stop = run.end()
-        if found and self._names is None and not way:
-            way = way_in(text[stop : stop + _LONGEST_BEFORE])
-            found = [entry._replace(way=way) for entry in found]
-        return text, time, found
+        if found and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
+            return [entry._replace(way=way) for entry in found]
+        return found
 
     def _data(self, text: str, run: re.Match[str]) -> bytes:
         """The data of a run; its lane has data from its first whole frame on."""
@@ -360,43 +360,40 @@ class LineReader:
                 return b""
             self._add(lane, cut := slice(None))
         data = self._bytes(run)
-        if len(data) < _FEW and (lane[0], _is_last(text, run.end())) not in self._ends:
+        if len(data) < _FEW and not (self._has_words_behind or _is_last(text, run.end())):
             return b""
         return data[cut]
 
-    def _groups_of(self, line: str, pattern: re.Pattern[str]) -> Parsed:
-        match = pattern.search(line)
-        groups = {} if match is None else match.groupdict()
-        data = b"".join(map(self._bytes, self.form.run.finditer(groups.get("data") or "")))
+    def _groups(self, line: str) -> list[Entry]:
+        """The data in the groups of the user's regular expression."""
+        if self._pattern is None or (match := self._pattern.search(line)) is None:
+            return []
+        groups = match.groupdict()
+        data = b"".join(map(self._bytes, self.form.run.finditer(groups["data"] or "")))
         way = groups.get("dir") or ""
         time = self._style and self._style.search(groups.get("time") or "")
-        return line, time, [Entry(data, way_in(way) or way, way)] if data else []
+        return [Entry(data, way_in(way) or way, way, time)] if data else []
 
-    # Times and wires
+    # Wires
 
-    def _learn_wires(self, lines: Iterable[Parsed]) -> None:
-        above, found, stamps, own_stamps = Heading(), list[tuple[Entry, Heading]](), 0, 0
-        for text, time, entries in lines:
-            found += [(entry, above) for entry in entries]
-            own_stamps += len(entries) * (time is not None)
-            if not entries:
-                stamps += time is not None
-                above = above.under(text, time)
-        are_beside = 0 < len(found) <= 2 * own_stamps
-        self._times_above = not are_beside and 0 < stamps <= 2 * len(found)
+    def _learn_wires(self, found: Found) -> None:
+        stamps = sum(entry.time is not None for entry, _ in found)
+        are_beside = 0 < len(found) <= 2 * stamps
+        self._times_above = not are_beside and any(above.time for _, above in found)
         self.has_times = are_beside or self._times_above
-        few_ways = 2 * sum(bool(entry.way) for entry, _ in found) < len(found)
-        self._label = _WORD_ABOVE if few_ways else _OWN_WORD
+        are_above = 2 * sum(entry.way != "" for entry, _ in found) < len(found)
+        self._label = _WAY_ABOVE if are_above else _WAY_BESIDE
+        self._names: Mapping[str, str] | None = None
+        """Ways by label; None if the labels are ways."""
         if len({self._label(*one) for one in found} - {""}) <= 1:
-            named = ((label, _ways_of_names(found, label)) for label in _NAMES)
-            self._label, self._names = next(filter(itemgetter(1), named), (_OWN_WORD, {}))
-        self.wires = defaultdict[str, bytes](bytes)
+            named = ((one, _ways_of_names(found, one)) for one in (_NAME_BESIDE, _NAME_ABOVE))
+            self._label, self._names = next(filter(itemgetter(1), named), (_WAY_BESIDE, {}))
+        self._heads = self._times_above or self._label in (_WAY_ABOVE, _NAME_ABOVE)
+        self.wires = dict(_by(found, self._way))
         """The data of the first lines, by their ways."""
-        for entry, above in found:
-            self.wires[self._way(entry, above)] += entry.data
-        wires = self.wires.values()
-        self.score = sum(map(_score, wires))
-        self.has_frames = sum(map(_in_frames, wires)) > _LEAST_SHARE * sum(map(len, wires))
+        self.score = sum(map(_score, self.wires.values()))
+        size = sum(map(len, self.wires.values()))
+        self.has_frames = sum(map(_in_frames, self.wires.values())) > _LEAST_SHARE * size
 
     def _way(self, entry: Entry, above: Heading) -> str:
         label = self._label(entry, above)
@@ -404,34 +401,18 @@ class LineReader:
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
         """The way, the time and the data of each line with data."""
-        for line in block.split("\n"):
-            text, time, entries = self._parsed(line)
-            if self._times_above:
-                time = time or self._above.time
-            for entry in entries:
-                yield self._way(entry, self._above), time, entry.data
-            if not entries and not self._is_heading(text, time) and line and not line.isspace():
-                self._skipped += 1
-                self._example = self._example or line
-
-    def _is_heading(self, text: str, time: re.Match[str] | None) -> bool:
-        """Observe a line without data; whether the lines below have their time or way from it."""
-        by_way, by_name = self._label is _WORD_ABOVE, self._label in _NAMES_ABOVE
-        if not (self._times_above or by_way or by_name):
-            return False
-        self._above = self._above.under(text, time)
-        has_time = self._times_above and time is not None
-        return has_time or by_name or (by_way and bool(way_in(text)))
+        for entry, above in self._entries(block.split("\n")):
+            time = (entry.time or above.time) if self._times_above else entry.time
+            yield self._way(entry, above), time, entry.data
 
     def nearest(self, lines: Iterable[str]) -> tuple[int, str]:
         """The bytes in lines whose lanes have no frames, and how to say it, with two of them."""
         size, examples = 0, list[str]()
-        for line in lines:
-            runs = self.form.run.finditer(self._masked(line)[0])
-            data = max((len(self._bytes(run)) for run in runs), default=0)
-            if data >= _FEW:
-                size += data
-                examples.append(quoted(line.strip()[:40]))
+        for text, _ in map(self._masked, lines):
+            data = max(map(self._bytes, self.form.run.finditer(text)), key=len, default=b"")
+            if len(data) >= _FEW:
+                size += len(data)
+                examples.append(quoted(text.strip()[:40]))
         return size, f"{self.form.name} ({size:,} bytes, {', '.join(examples[:2])})"
 
     def notes(self) -> Iterator[str]:
@@ -488,12 +469,11 @@ class Log:
         """A log to read once, from a stream or the file of that name.
 
         Raises:
-            FileError: the file cannot be read.
+            FileError: the file cannot be read, or holds no text.
             InputTextError: no frames are found in its first lines.
         """
         self.name, self.options, self._stream = name, options or LogOptions(), stream
-        self._text = LogText()
-        self._blocks = self._text.blocks(stream or Path(name))
+        self._blocks = text_blocks(stream or Path(name))
         self._decide()
 
     @property
@@ -513,12 +493,11 @@ class Log:
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
                 if self._is_silent() and self._has_frames(lines):
                     break
-            first = lines[:count]
-            if self._has_frames(first) or len(lines) <= count:
+            if self._has_frames(lines[:count]) or len(lines) <= count:
                 break
         self._blocks = chain(seen, self._blocks)
         if not self._reader.has_frames:
-            self._refuse(first)
+            self._refuse(lines[:count])
 
     def _is_silent(self) -> bool:
         """Whether a pipe has nothing more to read for now, as with `tail -f`."""
@@ -534,24 +513,25 @@ class Log:
         self._readers = [LineReader(form, lines, self._clock.style, pattern) for form in FORMS]
         best = max(self._readers, key=lambda one: one.score)
         self._reader: LineReader | PlainReader = best
-        if pattern is None and _is_plain(lines) and not _are_lost(self._text.first):
+        if pattern is None and _is_plain(lines) and not _are_lost("\n".join(lines)):
             plain = PlainReader(lines)
             self._reader = best if best.has_frames and plain.score < best.score else plain
         return self._reader.has_frames
 
     def _refuse(self, lines: Sequence[str]) -> NoReturn:
-        if _are_lost(self._text.first):
+        text = "\n".join(lines)
+        if has_control_codes(text):
+            raise FileError(
+                f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool"
+                " wrote bytes as characters among text, record again with its display of hex"
+            )
+        if _are_lost(text):
             raise InputTextError(
                 f"{self.name}: the program that wrote it replaced bytes from 80 on, AA and EE among"
                 " them, by U+FFFD, so they are lost; record again as raw bytes, or with a display"
                 " of hex"
             )
-        if is_text(self._text.first):
-            raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readers)}")
-        raise FileError(
-            f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool wrote"
-            " bytes as characters among text, record again with its display of hex"
-        )
+        raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readers)}")
 
     def chunks(self) -> Iterator[Chunk]:
         """The bytes of each line, with the time of the line or of the heading above it.
@@ -570,6 +550,7 @@ class Log:
                     f"{self.name}: has a line longer than {LONGEST_LINE >> 20} MB, and such a line"
                     " is read only if it is plain hex; write each record on a line"
                 )
+            unfinished = not block.endswith("\n")
             try:
                 for way, time, data in reader.read(block):
                     size += len(data)
@@ -578,12 +559,10 @@ class Log:
                         t_ns = self._clock.time_ns(time)
                     elif start_ns is not None:  # bytes follow each other at the baud
                         t_ns = start_ns + size * byte_ns
-                    port = self._port(way)
-                    yield Chunk(port, t_ns, data, is_late=is_timed, at_once=is_timed)
+                    yield Chunk(self._port(way), t_ns, data, is_late=is_timed, at_once=is_timed)
             except InputTextError as error:
                 raise InputTextError(f"{self.name}: {error}") from error
             yield Chunk(self.name, None, b"")
-            unfinished = not block.endswith("\n")
 
     def notes(self) -> Iterator[str]:
         """What is not read, one line each; complete after reading."""
@@ -594,11 +573,11 @@ class Log:
         yield from self._clock.notes()
 
 
-_LOST: Final = re.compile(rb"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b|\xef\xbf\xbd")
+_LOST: Final = re.compile(r"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b|\ufffd")
 """U+FFFD, which programs write for what is not a character; as hex, or itself."""
 
 
-def _are_lost(text: bytes) -> bool:
+def _are_lost(text: str) -> bool:
     """Whether many bytes of a text were replaced."""
     return 100 * len(_LOST.findall(text)) > len(text)
 
@@ -614,7 +593,7 @@ _IN_ANY_TEXT: Final = ("quoted escapes", "base64")
 
 
 def _nothing_found(lines: Sequence[str], readers: Iterable[LineReader]) -> str:
-    """What to say of a text without frames: what comes near."""
+    """What to say of a text without frames: the two forms that come nearest."""
     nothing = f"no frames found in {len(lines):,} line{'' if len(lines) == 1 else 's'}"
     near = [one.nearest(lines) for one in readers if one.form.name not in _IN_ANY_TEXT]
     near.sort(key=lambda one: -one[0])

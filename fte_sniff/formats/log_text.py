@@ -17,54 +17,46 @@ from fte_sniff.errors import unreadable
 
 _BLOCK: Final = 1 << 20
 """Bytes of one read at most; a pipe or terminal returns what is available."""
-_SNIFFED: Final = 4096
-"""Bytes that show the encoding, and whether it is text."""
 LONGEST_LINE: Final = 16 << 20
 """Bytes of a line; a longer one is cut at a space."""
 _NULS: Final = re.compile(rb"\0{16,}")
 _ESCAPE: Final = re.compile(r"\x1b(?:\[[0-9;?]*[ -/]*[@-~]|[@-Z\\-_])")
-_CONTROL: Final = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 _PLAIN: Final = str.maketrans(
     {"\ufeff": None, "，": ",", "：": ":", "；": ";", "\u3000": " ", "\xa0": " ", "\0": None}
 )
 _MARKS: Final = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 
-class LogText:
-    """A text, and how it begins."""
+def text_blocks(source: BinaryIO | Path) -> Iterator[str]:
+    """Blocks that end with a line; one that ends within a line is a part of a very long one.
 
-    first = b""
-    """The first bytes."""
+    Raises FileError if a file cannot be read.
+    """
+    try:
+        with source.open("rb") if isinstance(source, Path) else nullcontext(source) as stream:
+            yield from map(_cleaned, _line_blocks(getattr(stream, "read1", stream.read)))
+    except OSError as error:
+        raise unreadable(source, error) from error
 
-    def blocks(self, source: BinaryIO | Path) -> Iterator[str]:
-        """Blocks that end with a line; one that ends within a line is a part of a very long one.
 
-        Raises FileError if a file cannot be read.
-        """
-        try:
-            with source.open("rb") if isinstance(source, Path) else nullcontext(source) as stream:
-                yield from map(_cleaned, self._lines(getattr(stream, "read1", stream.read)))
-        except OSError as error:
-            raise unreadable(source, error) from error
-
-    def _lines(self, read: Callable[[int], bytes]) -> Iterator[bytes]:
+def _line_blocks(read: Callable[[int], bytes]) -> Iterator[bytes]:
+    data, pending = read(_BLOCK), b""
+    while 0 < len(data) < 2 and (more := read(_BLOCK)):  # a mark of the encoding
+        data += more
+    encoding = _MARKS.get(data[:2], "")
+    decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
+    while data:
+        pending += data if decoder is None else decoder.decode(data).encode()
+        end = pending.rfind(b"\n") + 1
+        if not end and len(pending) > LONGEST_LINE:
+            end = pending.rfind(b" ") + 1 or len(pending)
+        if end:
+            yield pending[:end]
+            pending = pending[end:]
         data = read(_BLOCK)
-        while 0 < len(data.lstrip(b"\0")) < 4 and (more := read(_BLOCK)):
-            data += more
-        self.first, pending = data[:_SNIFFED], b""
-        encoding = _MARKS.get(data[:2], "")
-        decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
-        while data:
-            pending += data if decoder is None else decoder.decode(data).encode()
-            end = pending.rfind(b"\n") + 1
-            if not end and len(pending) > LONGEST_LINE:
-                end = pending.rfind(b" ") + 1 or len(pending)
-            if end:
-                yield pending[:end]
-                pending = pending[end:]
-            data = read(_BLOCK)
-        if pending:
-            yield pending
+    if pending:
+        yield pending
 
 
 def _cleaned(data: bytes) -> str:
@@ -96,4 +88,9 @@ def is_text(first: bytes) -> bool:
     if first[:2] in _MARKS or not first:
         return True
     decoded = _decoded(first[:-4] if len(first) > 64 else first)
-    return not _CONTROL.search(first) and "\ufffd" not in decoded
+    return not has_control_codes(decoded) and "\ufffd" not in decoded
+
+
+def has_control_codes(text: str) -> bool:
+    """Whether a text has control codes other than white space and colours."""
+    return _CONTROL.search(text) is not None

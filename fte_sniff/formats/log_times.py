@@ -4,14 +4,14 @@ r"""Times in the lines of a log, as nanoseconds since 1970.
     20260131140322.123  1769868202.123456  1769868202123                            digits
     [43.123456]  0.042909000  5953us                                                seconds
 
-All times of a log have one of these three styles, which its first lines decide. Seconds are times
-only if they rise.
+All times of a log have one of these styles, which its first lines decide. Seconds are times only
+if they rise.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from decimal import Decimal
@@ -33,6 +33,7 @@ _DATE: Final = (
     r"\d{4}[-/.年]\d\d?[-/.月]\d\d?日?|\d\d?[-/.]\d\d?[-/.](?:\d{4}|\d\d)(?!\d)"
     rf"|{_MONTH} +\d\d?(?:,? \d{{4}})?|\d\d?[- ]{_MONTH}(?:[- ]\d{{4}})?|\d\d-\d\d(?= )"
 )
+_PARTS: Final = ("date", "early", "clock", "fraction", "late", "zone", "year")
 _FRACTION: Final = r"(?P<fraction>\d{1,9})\d*"
 _CLOCK: Final = re.compile(
     rf"(?<![\w.])(?<!\b[0-9A-Fa-f]{{2}}:)(?:(?P<date>{_DATE})(?:[T ,_;]| at ){{1,2}})?"
@@ -42,10 +43,11 @@ _CLOCK: Final = re.compile(
     r"(?: ?(?P<late>[AaPp])\.?[Mm]\b\.?)?(?: ?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)(?!\w))?"
     r"(?: (?P<year>20\d\d)(?!\w))?(?!\d|:[0-9A-Fa-f]{2}|\.\d)"
 )
-_STAMP: Final = re.compile(
-    rf"(?<![\w.+-])(?:(?P<date>(?:19|20)\d{{6}})[T_ -]?(?P<clock>\d{{6}})(?:[.,]{_FRACTION})?"
-    r"|(?P<epoch>1\d{9}\.\d+|1\d{12}(?:\d{3}){0,2}))(?![\w.])"
+_DIGITS: Final = re.compile(
+    rf"(?<![\w.+-])(?P<date>(?:19|20)\d{{6}})[T_ -]?(?P<clock>\d{{6}})(?:[.,]{_FRACTION})?(?![\w.])"
+    r"(?P<early>)(?P<late>)(?P<zone>)(?P<year>)"
 )
+_EPOCH: Final = re.compile(r"(?<![\w.+-])(?P<epoch>1\d{9}\.\d+|1\d{12}(?:\d{3}){0,2})(?![\w.])")
 _UNITS: Final = {"s": _SECOND, "ms": 10**6, "us": 1000, "µs": 1000, "ns": 1}
 _UNIT: Final = "|".join(_UNITS)
 _NUMBER: Final = r"(?P<number>\d{1,18}(?:\.\d{1,20})?)"
@@ -82,20 +84,21 @@ class LogClock:
     def __init__(self, lines: Sequence[str], name: str, options: LogOptions) -> None:
         """A clock; the first lines show the style, the order of day and month, and the unit."""
         heading = next(filter(None, map(_HEADING.match, lines)), None)
-        self._unit = heading[2].lower() if heading else "s"
-        self._zone, self._start_ns = options.zone, options.start_ns
-        self._day, self._source = (options.day, "") if options.day else _day_of(Path(name))
+        self._options, self._unit = options, heading[2].lower() if heading else "s"
+        day, source = (options.day, "") if options.day else _day_of(Path(name))
+        self._day, self._source = day, source and f"{source} gives {day}"
+        seconds = _column(heading[1]) if heading else _SECONDS
         if options.pattern is not None:
-            found = filter(None, map(options.pattern.search, lines))
-            lines = [text for one in found if (text := one.groupdict().get("time"))]
-        self.style = _style_of(lines, heading, alone=options.pattern is not None)
+            matches = filter(None, map(options.pattern.search, lines))
+            lines, seconds = [one.groupdict().get("time") or "" for one in matches], _BARE_SECONDS
+        self._first = _times_in(lines, seconds)
+        self.style = self._first[0].re if self._first else None
         """The style of the times in most lines; None without times."""
-        self._day_first, self._ambiguous = _order(lines, self._day)
-        self._lacks = set[str]()
-        self._named: tuple[str | None, ...] = ()
-        """The date, zone and year of the last clock."""
-        self._date: date | None = None
-        self._lacking = self._falls = 0
+        readers = {_CLOCK: self._clock_ns, _DIGITS: self._clock_ns, _EPOCH: self._epoch_ns}
+        self._read = readers.get(self.style or seconds, self._seconds_ns)
+        dates = {one["date"] or "" for one in self._first if self.style is _CLOCK}
+        self._day_first, self._ambiguous = _order(dates, self._day)
+        self._odd = 0
         self._last_ns: int | None = None
 
     def time_ns(self, found: re.Match[str] | None) -> int | None:
@@ -103,92 +106,89 @@ class LogClock:
         t_ns = None
         if found is not None:
             with suppress(ValueError, OverflowError):
-                t_ns = self._time_of(found.groupdict().get)
-        if found is None or t_ns is None or not 0 <= t_ns < END_NS:
-            self._lacking += 1
+                t_ns = self._read(found)
+        if t_ns is None or not 0 <= t_ns < END_NS:
+            self._odd += 1
             return self._last_ns
-        if self._last_ns is not None and t_ns < self._last_ns:
-            self._falls += 1
+        self._odd += self._last_ns is not None and t_ns < self._last_ns
         self._last_ns = t_ns
         return t_ns
 
-    def _time_of(self, get: Callable[[str], str | None]) -> int:
-        """The time of the groups of a style."""
-        if get("clock"):
-            return self._clock_ns(get)
-        if epoch := get("epoch"):
-            return int(epoch.replace(".", "").ljust(19, "0")[:19])
-        self._lacks.add("start")
-        unit = _UNITS[get("unit") or self._unit]
-        return int(Decimal(get("number") or 0) * unit) + (self._start_ns or 0)
-
-    def _clock_ns(self, get: Callable[[str], str | None]) -> int:
-        named = day, zone, year = get("date"), get("zone"), get("year")
-        if named != self._named:
-            self._date = _date(f"{day} {year or ''}", self._day, self._day_first) if day else None
-            lacks = {"zone": not (zone or self._zone), "date": not day}
-            lacks["year"] = not year and len(_WORDS.findall(day or "")) == 2
-            self._lacks.update(what for what in lacks if lacks[what])
-            self._named = named
-        when = self._date or self._day
-        half = get("early") or get("late") or ""
-        t_ns = _moment_ns(when, get("clock") or "", half, zone, self._zone or UTC)
-        t_ns += int(f"{get('fraction') or 0:0<9}")
+    def _clock_ns(self, found: re.Match[str]) -> int:
+        day, early, clock, fraction, late, zone, year = found.group(*_PARTS)
+        named = f"{day} {year or ''}" if day else ""
+        half, default = early or late or "", self._options.zone or UTC
+        t_ns = _moment_ns(named, clock, half, zone, default, self._day, self._day_first)
+        t_ns += int(fraction.ljust(9, "0")) if fraction else 0
         if not day and self._last_ns is not None and t_ns < self._last_ns - _DAY // 2:
             self._day += timedelta(days=1)
             t_ns += _DAY
         return t_ns
 
+    def _epoch_ns(self, found: re.Match[str]) -> int:
+        return int(found["epoch"].replace(".", "").ljust(19, "0")[:19])
+
+    def _seconds_ns(self, found: re.Match[str]) -> int:
+        unit = _UNITS[found.groupdict().get("unit") or self._unit]
+        return int(Decimal(found["number"]) * unit) + (self._options.start_ns or 0)
+
     def notes(self) -> Iterator[str]:
-        """What the times lack, and where that comes from."""
-        for lacking in ("date", "year") if self._source else ():
-            if lacking in self._lacks:
-                yield (
-                    f"its times have no {lacking}; {self._source} gives {self._day},"
-                    " --date 2026-01-31 says another"
-                )
+        """What the times of the first lines lack, and odd ones; complete after reading."""
+        clocks = [one.groupdict() for one in self._first if self._read == self._clock_ns]
+        words = [_WORDS.findall(f"{one['date'] or ''} {one['year'] or ''}") for one in clocks]
+        without = {0: "date", 2: "year"}.get(min(map(len, words), default=1))
+        if self._source and without:
+            yield f"its times have no {without}; {self._source}; --date 2026-01-31 sets it"
         if self._ambiguous:
             order = "day" if self._day_first else "month"
             yield (
                 f"its dates, such as {self._ambiguous}, could be day or month first, and are read"
-                f" {order} first; --date 2026-01-31 says the first date"
+                f" {order} first; --date 2026-01-31 sets the first date"
             )
-        if "zone" in self._lacks:
-            yield "its times name no zone, and are taken as UTC; --zone +08:00 says another"
-        if "start" in self._lacks and self._start_ns is None:
+        if clocks and self._options.zone is None and not all(one["zone"] for one in clocks):
+            yield "its times name no zone, and are taken as UTC; --zone +08:00 sets it"
+        if self._read == self._seconds_ns and self.style and self._options.start_ns is None:
             yield (
                 f"its times count seconds from a start, and are shown as from {iso_time(0)[:10]};"
-                " --start 2026-01-31T12:00:00Z says when it was"
+                " --start 2026-01-31T12:00:00Z sets it"
             )
-        if self._lacking:
+        if self._odd:
             yield (
-                f"{self._lacking:,} of its lines lack a time between 1970 and 2262;"
-                " the one before is taken"
+                f"times that step back, are missing, or not between 1970 and 2262: {self._odd:,};"
+                " rows keep the one before"
             )
-        if self._falls:
-            yield f"times that step back: {self._falls:,}; rows keep the later time"
 
 
-def _style_of(
-    lines: Sequence[str], heading: re.Match[str] | None, *, alone: bool
-) -> re.Pattern[str] | None:
-    """The style of the times in most lines; `alone` if each line is nothing but a time."""
-    if heading is not None:
-        before = len(re.findall("[,;\t]", heading[1]))
-        return re.compile(rf'^(?:[^,;\t]*[,;\t]){{{before}}}\s*"?{_NUMBER}')
-    seconds = _BARE_SECONDS if alone else _SECONDS
-    styles = _CLOCK, _STAMP, seconds
-    found = {style: [one for line in lines if (one := style.search(line))] for style in styles}
+def _column(before: str) -> re.Pattern[str]:
+    """The style of seconds in the column under a heading, by what is before that."""
+    separators = len(re.findall("[,;\t]", before))
+    return re.compile(rf'^(?:[^,;\t]*[,;\t]){{{separators}}}\s*"?{_NUMBER}')
+
+
+def _times_in(lines: Sequence[str], seconds: re.Pattern[str]) -> list[re.Match[str]]:
+    """The times of the style that is in most lines; nothing if these are few."""
+    styles = _CLOCK, _DIGITS, _EPOCH, seconds
+    found = {style: [*filter(None, map(style.search, lines))] for style in styles}
     values = [float(one["number"]) for one in found[seconds]]
     falls = sum(later < earlier for earlier, later in pairwise(values))
     if 50 * falls > len(values) or len(set(values)) < min(3, len(values)):
         del found[seconds]
-    best = max(found, key=lambda style: len(found[style]))
-    return best if _LEAST_SHARE * len(lines) <= len(found[best]) else None
+    best = max(found.values(), key=len)
+    return best if _LEAST_SHARE * len(lines) <= len(best) else []
 
 
 @lru_cache(4096)
-def _moment_ns(day: date, clock: str, half: str, zone: str | None, default: tzinfo) -> int:
+def _moment_ns(
+    named: str,
+    clock: str,
+    half: str,
+    zone: str | None,
+    default: tzinfo,
+    near: date,
+    day_first: bool,
+) -> int:
+    """The time of a second; raises ValueError if there is no such date."""
+    day = _date(named, near, day_first) if named else near
     hour, minute, second = map(int, re.findall(r"\d\d?", clock))
     if half:
         hour = hour % 12 + 12 * (half in "pP下午")
@@ -212,9 +212,8 @@ def _date(text: str, near: date, day_first: bool) -> date:
     raise ValueError(text)
 
 
-def _order(lines: Sequence[str], near: date) -> tuple[bool, str]:
+def _order(dates: Collection[str], near: date) -> tuple[bool, str]:
     """Whether dates such as 2/8/2026 have the day first; and one of them if that is not certain."""
-    dates = {one["date"] or "" for line in lines if (one := _CLOCK.search(line))}
     texts = sorted(text for text in dates if re.match(r"\d\d?[-/]\d\d?[-/]\d", text))
     pairs = [[int(one) for one in re.findall(r"\d+", text)] for text in texts]
     if not texts or any(second > 12 for _, second, _ in pairs):

@@ -1,8 +1,8 @@
 r"""Hex without any other text, as people paste it and as hex editors write it.
 
 It is read strictly: a typing error is refused with its position. Accepted are digits in pairs,
-together or apart, lone digits (`AA 2 2`) in a line without a leading zero, `0x`, `\x` or `$` before
-or `h` after a byte, any of `, ; : - |`, brackets and quotes between, and comments.
+together or apart, `0x`, `\x` or `$` before or `h` after a byte, any of `, ; : - |`, brackets and
+quotes between, and comments.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ from fte_sniff.errors import InputTextError
 _BLANKS: Final = str.maketrans(",:;-", "    ")
 _GAP: Final = r"[\s,;:|\-\[\](){}\"'`<>]"
 _PAIR: Final = r"[0-9A-Fa-f]{2}"
-_LONE: Final = rf"(?<![0-9A-Fa-f])[0-9A-Fa-f](?={_GAP}|\Z)"
 _BETWEEN: Final = rf"(?:{_GAP}|(?<={_PAIR})\.(?={_PAIR}|\Z)|#.*|//.*|/\*.*?(?:\*/|\Z)|\A```.*)++"
-_TOKEN, _PADDED_TOKEN = (
-    re.compile(rf"(?s:{_BETWEEN}|(?:0[xX]|\$|&[hH]|\\x)?({digits})(?:[hH](?![0-9A-Za-z]))?)")
-    for digits in (rf"(?:{_PAIR})++|{_LONE}", rf"(?:{_PAIR})++")
+_TOKEN: Final = re.compile(
+    rf"(?s:{_BETWEEN}|(?:0[xX]|\$|&[hH]|\\x)?((?:{_PAIR})++)(?:[hH](?![0-9A-Za-z]))?)"
 )
-"""What is between bytes, or the digits of bytes; with lone digits or without."""
+"""What is between bytes, or the digits of bytes."""
 _OTHER: Final = re.compile(
     rf"\s*[0-9A-Fa-f]{{4,16}}(?::|\s{{2,}})\s*{_PAIR}\b|[^0-9A-Za-z]*?(?:>|<[^0-9A-Za-z])"
     r"|.*[\"']\s*:"
@@ -61,11 +59,9 @@ def has_typing_errors(line: str) -> bool:
 
 def _bytes_of_line(line: str, number: int) -> bytes:
     found, at = bytearray(), 0
-    pattern = _PADDED_TOKEN if re.search(r"\b0[0-9A-Fa-f]\b", line) else _TOKEN
-    while token := pattern.match(line, at):
+    while token := _TOKEN.match(line, at):
         at = token.end()
-        if token[1]:
-            found += bytes.fromhex(token[1].zfill(2))
+        found += bytes.fromhex(token[1] or "")
     if at == len(line):
         return bytes(found)
     at += re.match(rf"[0-9A-Fa-f](?!{_GAP}|\Z)", line[at:]) is not None  # half a byte
