@@ -20,9 +20,10 @@ import numpy.typing as npt
 
 from benchmarks.findings_quality import SECOND, START_NS, recording
 from fte_sniff.analysis.compare import Comparison, compared, counted
-from fte_sniff.analysis.segments import Counts, segments, summed
+from fte_sniff.analysis.segments import Counts, summed
 from fte_sniff.protocol.rows import MOST_BYTES, Rows
 from fte_sniff.protocol.spec import FRAME_LENGTH
+from tests.analysis.captures import segments
 
 HOUR_S = 3600.0
 MINUTES_S = 600.0

@@ -27,10 +27,11 @@ import numpy.typing as npt
 from fte_sniff.analysis import events, statistics
 from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.findings import find as find_counted
-from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.segments import summed
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import MOST_BYTES, Rows, fault_bits
 from fte_sniff.protocol.spec import Fault
+from tests.analysis.captures import segments
 
 START_NS = 1_700_000_000 * 10**9
 SECOND = 10**9

@@ -27,13 +27,14 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from fte_sniff.analysis.dataframe import table_frame
-from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol.rows import Rows, fault_bits
 from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, Fault, encode
 from fte_sniff.recording.chunks import HEAD, unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
+from tests.analysis.captures import segments
 from tests.support.recorded_rows import write_recording
 
 BATCH = 1 << 18

@@ -3,8 +3,8 @@
     rule      measure ( == | != | < | <= | > | >= ) number
     measure   name ( [argument] [, filter] )
 
-`counted` counts the tables of a stream for some rules; such parts add up (`summed`), and `verdicts`
-judges the sum. A measure is two functions: what it counts in the rows of a table that the rule's
+`counted` counts the tables of a stream for some rules; such parts add up, and `verdicts` judges the
+sum. A measure is two functions: what it counts in the rows of a table that the rule's
 filter selects, with the rows that violate the rule, and its value; a new one is an entry of
 `MEASURES`.
 """
@@ -31,7 +31,6 @@ from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
 from fte_sniff.analysis.findings import Cause, find, hidden_text
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
-from fte_sniff.analysis.segments import summed as summed_counts
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, iso_time
@@ -96,16 +95,16 @@ class Rule:
 
 _NONE: Final[Ints] = np.zeros(0, np.int64)
 
-Part: TypeAlias = Mapping[str, Counts]
-"""What was counted by `Rule.expect`, with the first row that violates it; by "", the extent."""
-
 _SHOWN: Final = ("time", "port", "offset", MOTOR, "raw")
 """The columns of a row that violates a rule; its input is `file`."""
 
 
-def counted(table: Table, rules: Sequence[Rule]) -> Part:
-    """Count the own rows of a table for some rules."""
-    return {"": extent_of(table), **{rule.expect: _part(table, rule) for rule in rules}}
+def counted(table: Table, rules: Sequence[Rule]) -> Counts:
+    """Count the own rows of a table for some rules; names begin with `Rule.expect`."""
+    found = dict(extent_of(table))
+    for rule in rules:
+        found |= {f"{rule.expect} {name}": one for name, one in _part(table, rule).items()}
+    return found
 
 
 def _part(table: Table, rule: Rule) -> Counts:
@@ -128,12 +127,6 @@ def selected(table: Table, filter_text: str) -> Bools:
     return found if table.selected is None else found & table.selected
 
 
-def summed(parts: Iterable[Part]) -> Part:
-    """The parts of a stream, in the order of time, as one."""
-    found = list(parts)
-    return {name: summed_counts(one[name] for one in found) for name in found[0]}
-
-
 def needed(table: Table, rules: Sequence[Rule]) -> Ints:
     """The rows of a table that later tables need: the last one that each filter selects."""
     timed, found = table.rows.timed[: table.stop], [_NONE]
@@ -142,9 +135,9 @@ def needed(table: Table, rules: Sequence[Rule]) -> Ints:
     return np.concatenate(found)
 
 
-def analysis_of(rules: Sequence[Rule]) -> Analysis[Part]:
+def analysis_of(rules: Sequence[Rule]) -> Analysis:
     """The analysis for some rules."""
-    return Analysis(partial(counted, rules=rules), summed, partial(needed, rules=rules))
+    return Analysis(partial(counted, rules=rules), partial(needed, rules=rules))
 
 
 # The measures: each counts rows, and returns those that violate the rule
@@ -512,14 +505,15 @@ class Verdict(NamedTuple):
         return uncovered or self.result is RuleResult.FAIL
 
 
-def verdicts(total: Part, rules: Sequence[Rule], baseline: Counts | None = None) -> list[Verdict]:
+def verdicts(total: Counts, rules: Sequence[Rule], baseline: Counts | None = None) -> list[Verdict]:
     """By rule, in their order; `baseline` are the counts of `compare` to compare with."""
     return [_verdict(rule, total, baseline) for rule in rules]
 
 
-def _verdict(rule: Rule, total: Part, baseline: Counts | None) -> Verdict:
-    measure, counts, whole = MEASURES[rule.measure], total[rule.expect], total[""]
-    extent, hidden = whole["extent"].row(0, named=True), whole["hidden"]["hidden_by"].to_list()
+def _verdict(rule: Rule, total: Counts, baseline: Counts | None) -> Verdict:
+    measure, start = MEASURES[rule.measure], f"{rule.expect} "
+    counts = {name.removeprefix(start): total[name] for name in total if name.startswith(start)}
+    extent, hidden = total["extent"].row(0, named=True), total["hidden"]["hidden_by"].to_list()
     if not extent["sum rows"]:
         return Verdict(rule, RuleResult.NOT_COVERED, needs=_ROW)
     if hidden and measure.needs_all:

@@ -27,7 +27,7 @@ from fte_sniff.analysis import events
 from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
 from fte_sniff.analysis.events import Events, Windows
 from fte_sniff.analysis.findings import Cause, find, hidden_text, of_most_motors
-from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.segments import Analysis, Counts
 from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import TranslatableText, listed
@@ -135,7 +135,7 @@ def counted(table: Table) -> Counts:
     }
 
 
-ANALYSIS: Final = Analysis(counted, summed)
+ANALYSIS: Final = Analysis(counted)
 
 _NO_PERIOD: Final = -1
 """The bin of frames without one before them."""

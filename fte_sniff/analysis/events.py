@@ -30,7 +30,7 @@ from fte_sniff.analysis.relations import (
     motor_hints,
     values_at,
 )
-from fte_sniff.analysis.segments import Analysis, Counts, extent_of, summed, width_of
+from fte_sniff.analysis.segments import Analysis, Counts, extent_of, width_of
 from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import PortEventKind
@@ -197,7 +197,7 @@ def counted(table: Table) -> Counts:
     return {"windows": windows, "delays": delays, **extent_of(table)}
 
 
-ANALYSIS: Final = Analysis(counted, summed)
+ANALYSIS: Final = Analysis(counted)
 
 
 def _count_port(counter: _Counter, rows: Rows, hints: Ints, code: int) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Generic, TypeAlias, TypeVar
+from typing import Final, TypeAlias
 
 import numpy as np
 import polars as pl
@@ -25,8 +25,6 @@ from fte_sniff.analysis.table import EMPTY, RowTest, Table
 from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_TIME, Ints, Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
-
-Part = TypeVar("Part")
 
 SEGMENT_ROWS: Final = 1 << 16
 """Rows of a table, unless a test or the screen needs fewer."""
@@ -73,35 +71,26 @@ class Segments:
     def push(self, item: Item) -> Iterator[Table]:
         """Add the next item; yields the table that it completes."""
         self._items.append(item)
-        if isinstance(item, Rows):
-            self._count += len(item)
-            if self._count >= self._most:
-                yield from self._cut(final=False)
-
-    def rest(self) -> Table:
-        """The table of the rows that wait, as if the stream ended here; it may go on."""
-        table = self._joined()
-        return replace(table, stop=len(table.rows))
-
-    def finish(self) -> Iterator[Table]:
-        """End the stream; yields the rest."""
-        yield from self._cut(final=True)
-
-    def _cut(self, *, final: bool) -> Iterator[Table]:
-        table = self._joined()
-        stop = len(table.rows) if final else second_before(table.rows, len(table.rows))
-        if stop > table.start or final:
-            table = replace(table, stop=stop, test=self._test)
+        self._count += len(item) if isinstance(item, Rows) else 0
+        if not isinstance(item, Rows) or self._count < self._most:
+            return
+        table = self.rest()
+        stop = second_before(table.rows, len(table.rows))
+        if stop > table.start:
+            table = replace(table, stop=stop)
             yield table
             self._before = self._needed(table)
             self._items, self._count = [], 0
 
+    def rest(self) -> Table:
+        """The table of the rows that wait, as if the stream ended here; it may go on."""
+        table = self._joined()
+        return replace(table, stop=len(table.rows), test=self._test)
+
     def _joined(self) -> Table:
         """The rows that wait, after those that were kept."""
-        before, rows = (
-            self._before,
-            Rows.concat([one for one in self._items if isinstance(one, Rows)]),
-        )
+        before = self._before
+        rows = Rows.concat([one for one in self._items if isinstance(one, Rows)])
         bauds, default = dict(before.bauds), self._baud or DEFAULT_BAUD
         byte_ns = np.array(
             [byte_time_ns(bauds.get(port, default)) for port in rows.ports] or [0], np.int64
@@ -152,15 +141,6 @@ class Segments:
             source=table.source[kept],
             test=None,
         )
-
-
-def segments(items: Iterable[Item], most: int = SEGMENT_ROWS, name: str = "") -> Iterator[Table]:
-    """The tables of one input."""
-    cutter = Segments(most)
-    cutter.begin(name)
-    for item in items:
-        yield from cutter.push(item)
-    yield from cutter.finish()
 
 
 def second_before(rows: Rows, end: int) -> int:
@@ -260,14 +240,12 @@ def summed(parts: Iterable[Counts]) -> dict[str, pl.DataFrame]:
 
 
 @dataclass(frozen=True, slots=True)
-class Analysis(Generic[Part]):
-    """What is counted in each table of a stream, and how such parts add up.
+class Analysis:
+    """What is counted in each table of a stream.
 
     Made of functions with names, so that other processes and machines can count.
     """
 
-    count: Callable[[Table], Part]
-    add: Callable[[Iterable[Part]], Part]
-    """Of parts in the order of time."""
+    count: Callable[[Table], Counts]
     keep: Callable[[Table], Ints] | None = None
     """The indices of further rows of a table that the next ones need."""

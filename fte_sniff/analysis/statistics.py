@@ -19,7 +19,7 @@ import polars as pl
 
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
-from fte_sniff.analysis.segments import Analysis, Counts, summed
+from fte_sniff.analysis.segments import Analysis, Counts
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import PortEventKind
@@ -131,7 +131,7 @@ def _events(table: Table) -> pl.DataFrame:
     )
 
 
-ANALYSIS: Final = Analysis(counted, summed)
+ANALYSIS: Final = Analysis(counted)
 
 
 # The numbers

@@ -76,8 +76,7 @@ class RowStore:
 
     def end(self) -> None:
         """Decide the facts of the last second: no more rows of this stream come."""
-        for table in self._segments.finish():
-            self._complete(table)
+        self._complete(self._segments.rest())
 
     def _add(self, rows: Rows) -> None:
         start, self.next = self.next, self.next + len(rows)

@@ -89,7 +89,7 @@ def command(
     total, reading = measure(query, analysis_of(wanted))
     found = verdicts(total, wanted, before)
     if form == "json":
-        print_json(_object(found, total[""]["extent"].row(0, named=True), reading))
+        print_json(_object(found, total["extent"].row(0, named=True), reading))
     else:
         print_lines(_lines(found, reading.zone))
     finish(reading, refused=any(one.refuses for one in found))

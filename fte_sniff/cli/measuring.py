@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from fte_sniff.analysis.findings import Finding
-    from fte_sniff.analysis.segments import Analysis, Part
+    from fte_sniff.analysis.segments import Analysis, Counts
     from fte_sniff.session.inputs import InputReading, ReadingCounts
 
 
@@ -41,7 +41,7 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
-def measure(query: InputQuery, analysis: Analysis[Part]) -> tuple[Part, InputReading]:
+def measure(query: InputQuery, analysis: Analysis) -> tuple[Counts, InputReading]:
     """Count all rows of the files, here, in worker processes, or on a cluster.
 
     Raises:
@@ -62,8 +62,8 @@ def measure(query: InputQuery, analysis: Analysis[Part]) -> tuple[Part, InputRea
 
 
 def _parts_from_elsewhere(
-    query: InputQuery, reading: InputReading, analysis: Analysis[Part]
-) -> Iterator[Part]:
+    query: InputQuery, reading: InputReading, analysis: Analysis
+) -> Iterator[Counts]:
     """What other processes count in each group of the files."""
     from fte_sniff.session.jobs import executor_of, mapped
 
@@ -81,7 +81,7 @@ def _parts_from_elsewhere(
             yield part
 
 
-def _count(analysis: Analysis[Part], query: InputQuery) -> tuple[Part, ReadingCounts]:
+def _count(analysis: Analysis, query: InputQuery) -> tuple[Counts, ReadingCounts]:
     total, reading = measure(query, analysis)
     return total, reading.counts
 

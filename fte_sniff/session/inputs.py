@@ -291,7 +291,7 @@ def with_facts(items: Iterable[Item]) -> Iterator[Item]:
             else:
                 others.append((pushed, item))
             yield from cutter.push(item)
-        yield from cutter.finish()
+        yield cutter.rest()
 
     for table in tables():
         rows = table.with_facts[table.start : table.stop]

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.analysis import events, statistics
-from fte_sniff.analysis.segments import Analysis, Counts, Part, Segments, summed
+from fte_sniff.analysis.segments import Analysis, Counts, Segments, summed
 from fte_sniff.analysis.table import EMPTY, Table
 from fte_sniff.errors import RecordingWarning, printable
 from fte_sniff.recording.reader import Recording
@@ -24,9 +24,9 @@ def _counts_of_all(counts: Sequence[Callable[[Table], Counts]], table: Table) ->
     return {name: one for count in counts for name, one in count(table).items()}
 
 
-def together(*counts: Callable[[Table], Counts]) -> Analysis[Counts]:
+def together(*counts: Callable[[Table], Counts]) -> Analysis:
     """The analysis that counts what several functions count."""
-    return Analysis(partial(_counts_of_all, counts), summed)
+    return Analysis(partial(_counts_of_all, counts))
 
 
 STATISTICS_AND_FINDINGS: Final = together(events.counted, statistics.counted)
@@ -39,10 +39,10 @@ PARTS: Final = 8
 
 def measured(
     reading: InputReading,
-    analysis: Analysis[Part],
+    analysis: Analysis,
     wanted: RowFilter | None = None,
     baud: int | None = None,
-) -> Part:
+) -> Counts:
     """Count all rows of a reading that has no filter.
 
     Args:
@@ -59,19 +59,19 @@ def measured(
             reading.on_input = cutter.begin
             for item in items:
                 yield from cutter.push(item)
-            yield from cutter.finish()
+            yield cutter.rest()
 
     return total_of(analysis, map(analysis.count, tables()))
 
 
-def total_of(analysis: Analysis[Part], parts: Iterable[Part]) -> Part:
+def total_of(analysis: Analysis, parts: Iterable[Counts]) -> Counts:
     """The sum of parts, of which only a few are in memory at once."""
     waiting = [analysis.count(EMPTY)]
     for part in parts:
         waiting.append(part)
         if len(waiting) > PARTS:
-            waiting = [analysis.add(waiting)]
-    return analysis.add(waiting)
+            waiting = [summed(waiting)]
+    return summed(waiting)
 
 
 # The public functions
@@ -143,7 +143,7 @@ def _counts_to_compare(paths: Paths) -> Any:
     return _measured(paths, ANALYSIS)[0]
 
 
-def _measured(paths: Paths, analysis: Analysis[Part]) -> tuple[Part, InputReading]:
+def _measured(paths: Paths, analysis: Analysis) -> tuple[Part, InputReading]:
     reading = InputReading([recording_input(Recording(path)) for path in recordings_in(paths)])
     total = measured(reading, analysis)
     for error in reading.unreadable:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.segments import Segments
+from fte_sniff.analysis.segments import SEGMENT_ROWS, Segments
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows
@@ -50,8 +50,15 @@ def table_of(items: Sequence[Row | Item]) -> Table:
     cutter.begin("file")
     for item in items_of(items):
         assert not list(cutter.push(item))
-    (found,) = cutter.finish()
-    return found
+    return cutter.rest()
+
+
+def segments(items: Iterable[Item], most: int = SEGMENT_ROWS) -> Iterator[Table]:
+    """The tables of one input without a name."""
+    cutter = Segments(most)
+    for item in items:
+        yield from cutter.push(item)
+    yield cutter.rest()
 
 
 def items_of(steps: Sequence[Row | Item]) -> list[Item]:

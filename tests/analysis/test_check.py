@@ -17,10 +17,9 @@ from fte_sniff.analysis.check import (
     needed,
     parse_rule,
     rules_of_toml,
-    summed,
     verdicts,
 )
-from fte_sniff.analysis.segments import Segments
+from fte_sniff.analysis.segments import Segments, summed
 from fte_sniff.errors import InputTextError
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row
@@ -53,7 +52,7 @@ def judged(steps: list[Row | Item], rules: list[str], most: int = 2**62) -> list
     cutter = Segments(most=most, keep=lambda table: needed(table, wanted))
     cutter.begin("file")
     tables = [one for step in steps for item in items_of([step]) for one in cutter.push(item)]
-    parts = [counted(one, wanted) for one in (*tables, *cutter.finish())]
+    parts = [counted(one, wanted) for one in (*tables, cutter.rest())]
     return verdicts(summed([pickle.loads(pickle.dumps(one)) for one in parts]), wanted)
 
 

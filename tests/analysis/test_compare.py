@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from benchmarks.compare_quality import CHANGES, Host, counts_of, halves, is_found, pair
 from fte_sniff.analysis.compare import MEASURES, Comparison, compared, counted
-from fte_sniff.analysis.segments import Counts, added, segments, summed
+from fte_sniff.analysis.segments import Counts, added, summed
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
 from fte_sniff.protocol.spec import Fault
-from tests.analysis.captures import captures, table_of
+from tests.analysis.captures import captures, segments, table_of
 from tests.analysis.test_segments import tables
 
 

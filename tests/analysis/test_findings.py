@@ -27,14 +27,14 @@ from fte_sniff.analysis import events
 from fte_sniff.analysis import segments as segments_
 from fte_sniff.analysis.findings import Cause, Report
 from fte_sniff.analysis.findings import find as find_counted
-from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.spans import spans_of
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from tests.analysis import captures as some
-from tests.analysis.captures import table_of
+from tests.analysis.captures import segments, table_of
 from tests.analysis.test_compare import counts_by_key
 from tests.analysis.test_segments import tables
 

@@ -19,7 +19,7 @@ def tables(steps: list[Row | Item], most: int) -> list[Table]:
     cutter = Segments(most=most)
     cutter.begin("file")
     found = [table for step in steps for item in items_of([step]) for table in cutter.push(item)]
-    return [*found, *cutter.finish()]
+    return [*found, cutter.rest()]
 
 
 @given(captures(), st.integers(1, 12))
@@ -56,7 +56,7 @@ def test_selected_rows_are_measured_among_themselves() -> None:
     rows = polled(30, motors=(1, 2))
     whole = replace(table_of(rows), test=lambda rows: rows.nums == 2)
     cutter = Segments(most=5, test=lambda rows: rows.nums == 2)
-    parts = [one for item in items_of(rows) for one in cutter.push(item)] + [*cutter.finish()]
+    parts = [one for item in items_of(rows) for one in cutter.push(item)] + [cutter.rest()]
     assert set(whole.frame["motor"]) == {2}
     assert whole.frame["period_ns"].drop_nulls().unique().to_list() == [50_000_000]
     assert pl.concat(one.frame for one in parts)["step_ns"].to_list() == [
@@ -70,7 +70,7 @@ def test_sources_are_named_by_row() -> None:
     for name in ("one", "two"):
         cutter.begin(name)
         assert not [*cutter.push(Rows.of([frame("speed", 0), frame("speed", 1)]))]
-    (table,) = cutter.finish()
+    table = cutter.rest()
     assert [table.sources[code] for code in table.source] == ["one", "one", "two", "two"]
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from fte_sniff.analysis.segments import segments, summed
+from fte_sniff.analysis.segments import summed
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
+from tests.analysis.captures import segments
 
 pytestmark = pytest.mark.extra
 report_page = pytest.importorskip("fte_sniff.cli.report_page")

@@ -17,7 +17,6 @@ from polars.exceptions import ComputeError
 
 import fte_sniff
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA
-from fte_sniff.analysis.segments import segments
 from fte_sniff.errors import FileError, RecordingWarning
 from fte_sniff.protocol.columns import record
 from fte_sniff.protocol.framer import Framer
@@ -28,6 +27,7 @@ from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from fte_sniff.session.scan import read, scan
+from tests.analysis.captures import segments
 from tests.examples import examples
 from tests.recording.conftest import some_rows
 from tests.support.columns import entries, fed, read_rows, without_facts
