@@ -143,7 +143,7 @@ def _counts_to_compare(paths: Paths) -> Any:
     return _measured(paths, ANALYSIS)[0]
 
 
-def _measured(paths: Paths, analysis: Analysis) -> tuple[Part, InputReading]:
+def _measured(paths: Paths, analysis: Analysis) -> tuple[Counts, InputReading]:
     reading = InputReading([recording_input(Recording(path)) for path in recordings_in(paths)])
     total = measured(reading, analysis)
     for error in reading.unreadable:
