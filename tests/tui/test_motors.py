@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from fte_sniff.analysis.plots import Envelope
 from fte_sniff.protocol.rows import Row
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.curves import SCALE_CELLS, Curves, plot
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.pages import text_of
+from fte_sniff.tui.painter import DARK
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
@@ -192,6 +196,14 @@ def test_curves_have_a_scale_and_an_axis(feed: ListFeed) -> None:
         assert "╵-30 s" in page(app)
 
     play(feed, scenario, (200, 60))
+
+
+def test_a_curve_is_drawn_in_dots_between_the_ends_of_its_scale() -> None:
+    rising = np.arange(8.0)
+    nothing = np.full(8, np.nan)
+    curves = Curves(Envelope(*[nothing] * 3), Envelope(*[rising] * 3))
+    lines = [line.plain for line in plot(curves, DARK, (SCALE_CELLS + 4, 2), "")]
+    assert lines == ["      7   ⣠⠞", "      0 ⣠⠞⠁ "]
 
 
 def test_the_screen_is_chinese_where_it_is_asked_for(feed: ListFeed) -> None:
