@@ -83,7 +83,8 @@ def command(
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and follower is None and STDIN not in query.files
         row_filter = query.row_filter()
-        reading = query.read(row_filter, limit, progress, follower, facts=facts)
+        reading = query.read(progress, follower)
+        reading.row_filter, reading.limit, reading.has_facts = row_filter, limit, facts
         source = reading.source(columns)
         with _opened(written, output, source, force=force) as write:
             for item in reading:

@@ -3,9 +3,9 @@
 `--from` and `--to` take these forms; a time without a zone is in the zone of `--zone` (UTC):
 
     2026-01-31T12:00:05.25Z      a date and time, see `analysis.time_text`
-    12:00:05  20:00:05+08:00     a time of day on the date of the first row
-    +10s  +1m30s  +250ms         this long after the first row
-    -10s                         this long before the last row
+    12:00:05  20:00:05+08:00     a time of day on the first day
+    +10s  +1m30s  +250ms         this long after the start of the recording
+    -10s                         this long before its end
 """
 
 from __future__ import annotations
@@ -69,7 +69,6 @@ if TYPE_CHECKING:
 
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.tally import Tally
-    from fte_sniff.formats.log_times import LogOptions
     from fte_sniff.recording.reader import TimeRange
     from fte_sniff.session.notes import Notes
 
@@ -152,9 +151,12 @@ def row_filter(text: str | None, zone: tzinfo | None = None) -> RowFilter | None
 
 
 _HELP = (
-    "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the first row) "
-    "or -10s (before the last)"
+    "as 2026-01-31T12:00:05Z, 12:00:05, 20:00:05+08:00, +10s (from the start) or -10s (before the"
+    " end)"
 )
+
+_END_NS: Final = 2**63
+"""Times of rows are below this, nanoseconds since 1970 UTC."""
 
 Times = tuple[int, int] | None
 """The first and the last time of an input, see `time_range`."""
@@ -174,7 +176,7 @@ span_options = all_of(
 
 
 def time_range(
-    since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo | None = None
+    since: str | None, until: str | None, times: Iterable[Times], zone: tzinfo
 ) -> TimeRange | None:
     """The time range of `--from` and `--to`; None without either.
 
@@ -183,24 +185,24 @@ def time_range(
         until: the text of `--to`, if given.
         times: first and last time of each input, nanoseconds since 1970 UTC. Read only for
             relative times, because a log must be read completely for them.
-        zone: the zone of times that name none; None for UTC.
+        zone: the zone of times that name none.
 
     Raises:
         InputTextError: a text is not a time.
         UsageError: a time is relative and the inputs have no times, or the range is empty.
     """
+    from fte_sniff.recording.reader import EVERYTHING, TimeRange
+
     if since is None and until is None:
         return None
-    from fte_sniff.recording.reader import TimeRange
-
-    bounds, whole, zone = cache(lambda: _bounds(times)), TimeRange(), zone or UTC
-    first = max(whole.first_ns, 0 if since is None else _time(since, "--from", bounds, zone))
-    end = min(whole.end_ns, whole.end_ns if until is None else _time(until, "--to", bounds, zone))
+    bounds = cache(lambda: _bounds(times))
+    first = 0 if since is None else _time(since, "--from", zone, bounds)
+    end = EVERYTHING.end_ns if until is None else _time(until, "--to", zone, bounds)
     if first >= end:
         raise UsageError(
             f"no row is between --from {shortened(since or '1970')} and --to"
-            f" {shortened(until or '2262')}; a time of day is one of the first row's day: write"
-            " another day as 2026-01-31T12:00"
+            f" {shortened(until or '2262')}; a time of day is one of the first day: write another"
+            " day as 2026-01-31T12:00"
         )
     return TimeRange(first, end)
 
@@ -210,26 +212,24 @@ def _bounds(times: Iterable[Times]) -> Times:
     return (min(known)[0], max(last for _, last in known)) if known else None
 
 
-def _time(text: str, option: str, bounds: Callable[[], Times], zone: tzinfo) -> int:
+def _time(text: str, option: str, zone: tzinfo, bounds: Callable[[], Times] = lambda: None) -> int:
+    """A time in full; a relative one needs the bounds of the inputs."""
     wanted = text.strip()
-    clock = clock_time(wanted)
-    sign = wanted[:1] if wanted[:1] in ("+", "-") else ""
-    found = duration_ns(wanted[1:]) if sign else time_ns(wanted, zone)
-    if found is None and clock is None:
-        raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
-    if found is not None and not sign:
+    sign, clock = wanted[:1], clock_time(wanted)
+    length = duration_ns(wanted[1:]) if sign in ("+", "-") else None
+    if clock is None and length is None:
+        found = time_ns(wanted, zone)
+        if found is None or not 0 <= found < _END_NS:
+            raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
         return found
     if (known := bounds()) is None:
         raise UsageError(
             f"{option} {shortened(text)}: the input has no times, or they are not known before it"
             " is read; write a time in full, or set with --start when its bytes began"
         )
-    first, last = known
     if clock is not None:
-        return clock.on_day_of(first, zone)
-    if sign == "+":
-        return first + (found or 0)
-    return last - (found or 0)
+        return clock.on_day_of(known[0], zone)
+    return known[0] + (length or 0) if sign == "+" else known[1] - (length or 0)
 
 
 # The inputs
@@ -403,30 +403,17 @@ class InputQuery:
     cluster: str | None = None
     """Address of the Dask cluster that reads them."""
 
-    def log_options(self) -> LogOptions:
-        """The options of a log; raises InputTextError if one is invalid."""
-        from fte_sniff.formats.log_times import LogOptions
-
-        given = (self.day, self.zone_given(), self.start_ns(), self.pattern)
-        return LogOptions(*given, baud=self.baud or DEFAULT_BAUD)
-
     def start_ns(self) -> int | None:
         """The time of `--start`, nanoseconds since 1970 UTC, or None; raises InputTextError."""
-        if self.start is None:
-            return None
-        from fte_sniff.formats.log_times import END_NS
-
-        t_ns = time_ns(self.start.strip(), self.zone_given() or UTC)
-        if t_ns is None or not 0 <= t_ns < END_NS:
-            raise InputTextError(
-                f"--start: {quoted(self.start)} is not a time from 1970 to 2261; write it as"
-                " 2026-01-31T12:00:00Z"
-            )
-        return t_ns
+        return None if self.start is None else _time(self.start, "--start", self._zone)
 
     def zone_given(self) -> tzinfo | None:
         """The zone of `--zone`, or None; raises InputTextError for an unknown zone."""
         return None if self.zone is None else zone_of(self.zone)
+
+    @property
+    def _zone(self) -> tzinfo:
+        return self.zone_given() or UTC
 
     def view_command(self, span_ns: tuple[int, int] | None, filter_text: str) -> str:
         """The command that shows the rows of these inputs that a filter selects in a span."""
@@ -458,25 +445,15 @@ class InputQuery:
         return list(chain.from_iterable(found))
 
     def read(
-        self,
-        row_filter: RowFilter | None,
-        limit: int = sys.maxsize,
-        progress: Progress | None = None,
-        follower: Follower | None = None,
-        *,
-        facts: bool = False,
+        self, progress: Progress | None = None, follower: Follower | None = None
     ) -> InputReading:
-        """Open the inputs; the arguments are those of `InputReading`.
-
-        `follower` reads the one input, if another program writes it.
+        """Open the inputs; `follower` reads the one input, if another program writes it.
 
         Raises:
             FileError: no file can be read; one of several is reported, and the others are read.
             UsageError: the content of a file is unknown, or does not fit the options.
             InputTextError: a time, date or zone is invalid.
         """
-
-        self.start_ns()  # refused even if no log is read
         inputs, unreadable = list[Input](), list[FileError]()
         for path in self.paths():
             try:
@@ -485,17 +462,12 @@ class InputQuery:
                 unreadable.append(error)
         if not inputs:
             raise unreadable[0]
-        zone = self.zone_given()
-        span = time_range(self.since, self.until, (one.times() for one in inputs), zone)
         found = InputReading(
             inputs,
-            span,
-            row_filter,
-            limit,
-            self.baud,
-            has_facts=facts,
+            time_range(self.since, self.until, (one.times() for one in inputs), self._zone),
+            baud=self.baud,
             is_pair=self.pair,
-            zone=zone or UTC,
+            zone=self._zone,
             unreadable=unreadable,
             progress=progress or Progress(),
         )
@@ -508,15 +480,13 @@ class InputQuery:
 
         Raises UsageError if it is one of several, or cannot grow, and FileError.
         """
+        from fte_sniff.recording.reader import Recording
+
         path, *others = self.paths()
-        if others or path == STDIN or self.topics:
+        if others or path == STDIN or self.topics or self.kind not in (None, InputKind.MCAP):
             raise UsageError(
                 "--follow needs one recording; the next files of its capture follow by themselves"
             )
-        if self.kind not in (None, InputKind.MCAP):
-            raise UsageError("--follow reads recordings only; leave --input out")
-        from fte_sniff.recording.reader import Recording
-
         return Follower(Recording(path, is_growing=True))
 
 
@@ -569,8 +539,10 @@ def _opened(path: Path, query: InputQuery) -> Input:
         count = path.stat().st_size // FRAME_LENGTH
         return chunk_input(name, chunks(), chunks, baud, count=count)
     from fte_sniff.formats.log import Log
+    from fte_sniff.formats.log_times import LogOptions
 
-    options = query.log_options()
+    given = (query.day, query.zone_given(), query.start_ns(), query.pattern)
+    options = LogOptions(*given, baud=baud)
     log = Log(name, options, stream)
     again = tuple if stream else lambda: Log(name, options).chunks()
     return chunk_input(
@@ -635,12 +607,11 @@ def summary(tally: Tally, reading: InputReading | None = None, zone: tzinfo = UT
 
 
 def gap_text(gaps: Sequence[Gap]) -> str:
-    """`893 rows in 2 places`; `893 rows and more` if the size of a gap is unknown."""
-    rows, places = sum(gap.rows or 0 for gap in gaps), len(gaps)
-    text = f"{rows:,} row{'s' * (rows != 1)}"
-    if any(gap.rows is None for gap in gaps):
-        text = f"{text} and more" if rows else "an unknown number of rows"
-    return f"{text} in {places:,} place{'s' * (places != 1)}"
+    """`893 rows in 2 gaps`; `893 rows or more`, or `rows`, if the size of a gap is unknown."""
+    rows = sum(gap.rows or 0 for gap in gaps)
+    more = " or more" if any(gap.rows is None for gap in gaps) else ""
+    known = f"{rows:,} rows{more}" if rows else "rows"
+    return f"{known} in {len(gaps):,} gap{'s' * (len(gaps) != 1)}"
 
 
 def explain_no_frames(tally: Tally, reading: InputReading | None = None) -> str:

@@ -55,7 +55,7 @@ def measure(query: InputQuery, analysis: Analysis) -> tuple[Counts, InputReading
         query = replace(query, files=tuple(path.absolute() for path in query.files))
     wanted = query.row_filter()
     with progress_line(shown=not is_typed(query.files)) as progress:
-        reading = query.read(None, progress=progress)
+        reading = query.read(progress)
         if query.cluster is None and min(query.jobs or 1, len(reading.groups)) == 1:
             return measured(reading, analysis, wanted, query.baud), reading
         return total_of(analysis, _parts_from_elsewhere(query, reading, analysis)), reading

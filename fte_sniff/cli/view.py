@@ -80,7 +80,7 @@ def command(
     wanted, paths = query.row_filter(), query.paths()
     with progress_line() as progress:
         follower = query.follower() if following else None
-        reading = query.read(None, progress=progress, follower=follower)
+        reading = query.read(progress, follower)
         items = iter(reading)
         # The first item is read now, so that an error comes before the screen.
         begun = list(islice(items, 1))

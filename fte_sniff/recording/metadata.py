@@ -16,9 +16,6 @@ from fte_sniff.protocol.items import Gap, GapKind
 PROGRAM: Final = "fte-sniff"
 """The start of the header's library string, and the name of the file's own metadata record."""
 
-PART_FACTS: Final = ("part", "previous")
-"""The items that give a file's position in the sequence of a capture."""
-
 
 @dataclass(frozen=True, slots=True)
 class PortFacts:

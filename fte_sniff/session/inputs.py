@@ -18,7 +18,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from enum import StrEnum
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -37,7 +37,6 @@ from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, Direction, byte_time_ns
-from fte_sniff.recording.chunks import ChunkRef
 from fte_sniff.recording.metadata import Part, PortFacts, Selection, part_of
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.session.framing import rows_of_chunks
@@ -126,21 +125,15 @@ class Input:
     """Reads the items in a span, or all. The note is called after the last row with what is wrong
     with the input. Raises FileError, and InputTextError for text that is not hex."""
     times: Callable[[], Times] = lambda: None
-    """Finds the times of its rows."""
+    """Finds the times of a recording, or of the rows of other inputs."""
     first_ns: Callable[[], int | None] = lambda: None
     """Finds the first of them, which may take less than `times`."""
     ports: Sequence[PortFacts] = ()
     """The ports that are known before reading."""
     count: int | None = None
     """Number of rows, about; None if it is unknown before reading."""
-    part: Part | None = None
-    """Which file of a capture it is; None if it has no number."""
-    facts: Mapping[str, str] = field(default_factory=dict)
-    """Facts except those of the ports, such as the host and the clock."""
-    selections: Sequence[Selection] = ()
-    """The filters that selected its rows, if it records them."""
-    path: Path | None = None
-    """Of a recording."""
+    recording: Recording | None = None
+    """The file, if it is a recording."""
 
 
 def recording_input(reader: Recording) -> Input:
@@ -155,36 +148,15 @@ def recording_input(reader: Recording) -> Input:
         if reader.nothing_read is not None:
             raise reader.nothing_read
 
-    facts = reader.facts
     return Input(
         str(reader.path),
         read,
-        partial(row_times, reader),
-        lambda: None if reader.times is None else reader.times[0],
+        lambda: reader.times,
+        lambda: reader.times and reader.times[0],
         reader.ports,
         reader.count,
-        part_of(facts),
-        {k: v for k, v in facts.items() if not k.startswith(("library", "port."))},
-        reader.selections(),
-        reader.path,
+        reader,
     )
-
-
-def row_times(reader: Recording) -> Times:
-    """The first and the latest time of the rows of a recording; reads its first and last chunks."""
-    chunks = reader.contents.chunks
-    first, last = (
-        next((own for chunk in some if (own := _times_in(reader, chunk)) is not None), None)
-        for some in (chunks, chunks[::-1])
-    )
-    return None if first is None or last is None else (first[0], max(first[0], last[1]))
-
-
-def _times_in(reader: Recording, chunk: ChunkRef) -> tuple[int, int] | None:
-    """The first row's time and the latest one in a chunk."""
-    rows = Rows.concat([item for item in reader.read([chunk]) if isinstance(item, Rows)])
-    t_ns = rows.t_ns[rows.timed]
-    return (int(t_ns[0]), int(t_ns.max())) if len(t_ns) else None
 
 
 def beginning_of(reader: Recording) -> list[Gap]:
@@ -220,6 +192,7 @@ def chunk_input(
         notes: returns what else is remarkable, once all chunks are read.
     """
 
+    @cache
     def first_ns() -> int | None:
         with suppress(FteSniffError):  # raised when the rows are read
             for chunk in again():
@@ -316,12 +289,13 @@ def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Sequence[I
         return [inputs]
     chains = list[list[Input]]()
     by_next: dict[Part, list[Input]] = {}
-    for one in sorted(inputs, key=lambda one: one.part.number if one.part else 0):
-        if one.part is None or (chain := by_next.pop(one.part, None)) is None:
+    parts = [None if one.recording is None else part_of(one.recording.facts) for one in inputs]
+    for part, one in sorted(zip(parts, inputs, strict=True), key=lambda own: own[0] or ("", "", 0)):
+        if part is None or (chain := by_next.pop(part, None)) is None:
             chains.append(chain := [])
         chain.append(one)
-        if one.part:
-            by_next[one.part.next] = chain
+        if part is not None:
+            by_next[part.next] = chain
     return sorted(chains, key=lambda chain: inputs.index(chain[0]))
 
 
@@ -334,7 +308,7 @@ def are_both_wires(inputs: Sequence[Input]) -> bool:
 
     They overlap in time, each has one port, another one, and frames of one direction, the other.
     """
-    if len(inputs) != 2 or any(one.path is None or len(one.ports) != 1 for one in inputs):
+    if len(inputs) != 2 or any(one.recording is None or len(one.ports) != 1 for one in inputs):
         return False
     first, second = inputs
     spans = [span for one in inputs if (span := one.times()) is not None]
@@ -404,8 +378,6 @@ class InputReading:
         self.inputs = sorted(self.inputs, key=lambda one: _order(one.first_ns()))
         self.is_pair = self.is_pair or are_both_wires(self.inputs)
         self.groups = groups_of(self.inputs, pair=self.is_pair)
-        if self.row_filter is not None:
-            self.has_facts |= self.row_filter.needs_facts
         self.notes += map(str, self.unreadable)
         counts = [one.count for one in self.inputs if one.count is not None]
         is_known = len(counts) == len(self.inputs) and self.span is None
@@ -414,13 +386,17 @@ class InputReading:
     @property
     def selections(self) -> list[Selection]:
         """The filters that selected the rows of the inputs when they were written."""
-        return [selection for one in self.inputs for selection in one.selections]
+        return [selection for one in self._recordings for selection in one.selections()]
+
+    @property
+    def _recordings(self) -> list[Recording]:
+        return [one.recording for one in self.inputs if one.recording is not None]
 
     def source(self, columns: Sequence[str] | None = None) -> ExportSource:
         """What is known about the rows before they are read."""
         ports = [port.name for one in self.inputs for port in one.ports]
         bauds = dict.fromkeys(ports, self.baud) if self.baud else _bauds_of(self.inputs)
-        known = {name: fact for one in self.inputs for name, fact in one.facts.items()}
+        known = {name: fact for one in self._recordings for name, fact in one.facts.items()}
         return ExportSource(ports, bauds, self.selections, known, columns or ALL_COLUMNS, self.zone)
 
     @property
@@ -460,10 +436,11 @@ class InputReading:
 
     def _selected(self, group: Sequence[Input], is_beside: bool = False) -> Iterator[Item]:
         """The items of a group with the facts of its rows, of which only those that match."""
-        items = with_effects(self._items_of(group, is_beside), set())
-        for item in self._counted(with_facts(items) if self.has_facts else items):
-            if isinstance(item, Rows) and self.row_filter is not None:
-                yield item.select(self.row_filter.matches(item))
+        items, wanted = with_effects(self._items_of(group, is_beside), set()), self.row_filter
+        needs_facts = self.has_facts or (wanted is not None and wanted.needs_facts)
+        for item in self._counted(with_facts(items) if needs_facts else items):
+            if isinstance(item, Rows) and wanted is not None:
+                yield item.select(wanted.matches(item))
             elif not (isinstance(item, BaudChange) and self.baud):
                 yield item
 
@@ -511,7 +488,7 @@ class InputReading:
         with suppress(FteSniffError):
             text = f"{one.name}: none of its rows is between --from and --to"
             if (times := one.times()) is not None:
-                text += f"; they go from {iso_time(times[0])} to {iso_time(times[1])}"
+                text += f"; it goes from {iso_time(times[0])} to {iso_time(times[1])}"
             self.notes.append(text)
 
     def _counted(self, items: Iterable[Item]) -> Iterator[Item]:

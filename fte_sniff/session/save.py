@@ -183,7 +183,7 @@ def _recording(
     from fte_sniff.recording.writer import BulkWriter
 
     ports = [metadata.PortFacts(port, source.bauds.get(port)) for port in source.ports]
-    facts = {name: fact for name, fact in source.facts.items() if name not in metadata.PART_FACTS}
+    facts = {k: v for k, v in source.facts.items() if not k.startswith(_OF_ONE_FILE)}
     writer = BulkWriter(stream.fileno(), ports, facts)
     gaps, last_ns = list[Gap](), 0
     open_gap: Gap | None = None
@@ -214,6 +214,8 @@ def _recording(
     writer.close(Metadata(*record) for record in [*left_out, *chosen])
 
 
+_OF_ONE_FILE: Final = ("library", "port.", "part", "previous")
+"""The first words of facts that hold for one file of a capture, or are written anew."""
 _BETWEEN_ROWS: Final = (GapKind.DAMAGE, GapKind.OTHER_RECORDING, GapKind.NOT_SHOWN)
 
 
