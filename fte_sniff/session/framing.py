@@ -64,7 +64,7 @@ def rows_of_chunks(
 
     Args:
         chunks: their times may fall, and are None for bytes without times.
-        note: called at the end if few of the bytes are in frames.
+        note: called at the end if few of the bytes are in frames, or if their times are too dense.
         baud: bits per second.
 
     Raises what the chunks raise, after the rows before it.
@@ -94,7 +94,7 @@ def rows_of_chunks(
     yield from _decided(merge, wires.values(), EVER)
     if failure is not None:
         raise failure
-    if (text := _remark([*wires.values()])) is not None:
+    for text in _remarks([*wires.values()], baud):
         note(text)
 
 
@@ -113,6 +113,9 @@ class _Wire:
     def __init__(self, port: str, baud: int) -> None:
         self.port, self.framer, self.lane = port, Framer(port, baud), Lane()
         self.size = self.frames = 0
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        """The latest time."""
         self._chunks: list[tuple[int, int]] = []
         """The offset after each chunk, and its number."""
 
@@ -121,6 +124,9 @@ class _Wire:
         self.framer.push(chunk)
         self.size += len(chunk.data)
         self._chunks.append((self.size, number))
+        if chunk.t_ns is not None:
+            self._first_ns = chunk.t_ns if self._first_ns is None else self._first_ns
+            self._last_ns = max(self._last_ns, chunk.t_ns)
 
     def drain(self, number: int) -> None:
         """Put the rows that were decided into the lane, by the numbers of their chunks."""
@@ -132,22 +138,35 @@ class _Wire:
             del self._chunks[: int(np.searchsorted(stops, decided, "right"))]
         self.lane.reached = self._chunks[0][1] if self._chunks else number
 
+    def use(self, baud: int) -> float:
+        """The share of the time from the first to the last chunk that all bytes take; 0 without."""
+        span_ns = self._last_ns - (self._first_ns or 0)
+        return self.size * byte_time_ns(baud) / span_ns if span_ns else 0.0
+
 
 _LOW: Final = 0.5
 """Share of bytes in frames, from which on it is not low."""
+_DENSE: Final = 2.0
+"""Share of the time that bytes take, from which on their times are wrong."""
 _MANY_BYTES: Final = 100
 
 
-def _remark(wires: Sequence[_Wire]) -> str | None:
-    """A line if few of all bytes are in frames."""
+def _remarks(wires: Sequence[_Wire], baud: int) -> Iterator[str]:
+    """A line if few of all bytes are in frames, and one if their times are too dense."""
     size = sum(wire.size for wire in wires)
+    if size < _MANY_BYTES:
+        return
     in_frames = FRAME_LENGTH * sum(wire.frames for wire in wires)
-    if size < _MANY_BYTES or not 0 < in_frames < _LOW * size:
-        return None
     # The wires of a log are named by it, those of an MCAP file by their topics.
     ports = [wire.port for wire in wires]
     name = (ports[0].rpartition(":")[0] if len(ports) > 1 else "") or ", ".join(ports)
-    return (
-        f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"
-        " recording, or say with --input-regex where the bytes of a log are"
-    )
+    if 0 < in_frames < _LOW * size:
+        yield (
+            f"{name}: only {in_frames / size:.0%} of the bytes are in frames; check the baud of the"
+            " recording, or say with --input-regex where the bytes of a log are"
+        )
+    if (use := max(wire.use(baud) for wire in wires)) > _DENSE:
+        yield (
+            f"{name}: rows are too dense in time for {baud} baud ({use:,.0%}); its times may be"
+            " days"
+        )
