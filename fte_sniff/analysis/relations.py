@@ -26,6 +26,7 @@ from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import (
     COLUMNS,
     FACTS,
+    FAULT_BITS,
     KIND_OF,
     NO_FACT,
     NO_KIND,
@@ -250,7 +251,7 @@ def _own_motors(rows: Rows, at: Ints) -> Ints:
     """NUM of the rows in which header and CMD, or CMD and tail, name a kind that names a motor."""
     raw, length, nums = rows.raw[at], rows.length[at], rows.nums[at].astype(np.int64)
     heads = raw[:, 0].astype(np.int64) << 8 | raw[:, CMD_OFFSET]
-    whole = rows.has(Fault.BAD_HEADER)[at] & (length == FRAME_LENGTH)
+    whole = (rows.faults[at] & FAULT_BITS[Fault.BAD_HEADER] != 0) & (length == FRAME_LENGTH)
     whole &= raw[:, FRAME_LENGTH - 1] == TAIL
     whole &= np.isin(raw[:, CMD_OFFSET], _NAMING_CMDS)
     names = (NAMES_MOTOR[KIND_OF[heads]] | whole) & (length > NUM_OFFSET)

@@ -14,7 +14,6 @@ have been held up.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -103,8 +102,7 @@ class _Times:
 
     def forget(self, offset: int) -> None:
         """Drop the times of the bytes before an offset."""
-        done = bisect_left(self._arrivals, offset + 1, key=lambda one: one.stop)
-        del self._arrivals[:done]
+        self._arrivals = [one for one in self._arrivals if one.stop > offset]
 
 
 def _reserves() -> Array:

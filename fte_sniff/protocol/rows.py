@@ -28,14 +28,12 @@ from fte_sniff.protocol.spec import (
     HEADERS,
     KIND_BY_HEADER_AND_CMD,
     KINDS,
-    NAME_OF_ROLE,
     NUM_OFFSET,
     SUSPECT_FAULTS,
     VALUE_FIELDS,
     Direction,
     Fault,
     FrameKind,
-    Role,
     Status,
     status_of,
 )
@@ -345,10 +343,6 @@ class Rows(Sequence[Row]):
 
     # Faults
 
-    def has(self, *faults: Fault) -> Bools:
-        """Which rows have at least one of these faults."""
-        return cast("Bools", (self.faults & fault_bits(faults)) != 0)
-
     @property
     def is_malformed(self) -> Bools:
         """Which rows have a fault that makes them unreadable."""
@@ -388,11 +382,6 @@ class Rows(Sequence[Row]):
     def field(self, name: str) -> tuple[Array, Bools]:
         """A field in each row, as wide as on the wire, and a mask of the rows that have it."""
         return field_of(self.raw, self.kinds, name)
-
-    def values(self, field: str | Role, rows: Ints) -> Ints:
-        """One field, by name or role, of the rows at these indices, which all must have it."""
-        name = NAME_OF_ROLE[field] if isinstance(field, Role) else field
-        return field_of(self.raw[rows], self.kinds[rows], name)[0].astype(np.int64)
 
     @property
     def payloads(self) -> Ints:

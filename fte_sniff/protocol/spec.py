@@ -236,18 +236,17 @@ class FrameKind:
         """The main value: the last field with a unit, a speed or a position; None without one."""
         return next((field.name for field in reversed(self.fields) if field.unit), None)
 
-    def legal_bytes(self, open_reserve: int | None = None) -> list[bytes | None]:
+    def legal_bytes(self) -> list[bytes | None]:
         """For each offset the legal bytes; None where every byte is legal.
 
-        `open_reserve` is the byte that a line is known to have in the open reserve, if any. Fields
-        of several bytes have no illegal values, so bytes can be judged one by one.
+        Fields of several bytes have no illegal values, so bytes can be judged one by one.
         """
         legal: list[bytes | None] = [None] * FRAME_LENGTH
         legal[0], legal[-1] = bytes([self.header]), bytes([TAIL])
         legal[CMD_OFFSET] = bytes(self.cmds)
-        byte = open_reserve if self.reserve is None else self.reserve
-        if byte is not None:
-            legal[self.reserved.start : self.reserved.stop] = [bytes([byte])] * len(self.reserved)
+        if self.reserve is not None:
+            own = [bytes([self.reserve])] * len(self.reserved)
+            legal[self.reserved.start : self.reserved.stop] = own
         for field in self.fields:
             if field.fault:
                 legal[field.start] = bytes(byte for byte in range(256) if field.is_legal(byte))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -34,14 +33,12 @@ def library_name() -> str:
 
 
 def host_facts(start_ns: int) -> dict[str, str]:
-    """Metadata about this host and its clock at `start_ns`, nanoseconds since 1970 UTC."""
-    clock = time.get_clock_info("time")
+    """Metadata about this host at `start_ns`, nanoseconds since 1970 UTC."""
     return {
         "start": iso_time(start_ns),
         "host": platform.node(),
         "platform": platform.platform(),
         "python": platform.python_version(),
-        "clock": f"{clock.implementation}, resolution {clock.resolution:g} s",
         "time": "when the row's first byte began on the wire, from the read's return, UTC",
     }
 

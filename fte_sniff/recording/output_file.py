@@ -11,7 +11,6 @@ to be deleted is known by its identity, of which the time of the last change is 
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from enum import Enum
@@ -20,7 +19,7 @@ from pathlib import Path
 from secrets import token_hex
 from typing import Final, NamedTuple
 
-from fte_sniff.errors import FileError, TranslatableText, reason_of, unwritable
+from fte_sniff.errors import FileError, TranslatableText, unwritable
 from fte_sniff.platform import POSIX, is_locked, open_flags, sync_folder, try_to_lock
 
 _CLOSED: Final = -1
@@ -101,8 +100,6 @@ class OutputFile:
             self.close()
         if self._existing is Existing.REPLACE:
             self._check()  # another file may have the name by now
-            with suppress(OSError):  # there is none to replace, or the file system has no modes
-                self.made.chmod(stat.S_IMODE(self.path.stat().st_mode))
             self.made.replace(self.path)
         else:
             self.path = self._link()
@@ -205,9 +202,3 @@ STOPPED: Final[Mapping[type[OSError], str]] = {
     "space, or record elsewhere with -o",
 }
 """Forms of the errors of a recording that the system does not let go on."""
-
-
-def stopped_by_error(path: object, error: OSError, rows: int) -> FileError:
-    """The error for a recording that the system does not let go on."""
-    form = next(form for kind, form in STOPPED.items() if isinstance(error, kind))
-    return FileError(form, path=path, rows=rows, reason=reason_of(error))

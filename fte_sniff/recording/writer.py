@@ -42,19 +42,19 @@ from mcap.records import (
 )
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, reason_of
 from fte_sniff.platform import sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
 from fte_sniff.recording.chunks import HEAD, MAGIC
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recording_facts
 from fte_sniff.recording.output_file import (
+    STOPPED,
     Existing,
     KnownFile,
     LostDataError,
     OutputFile,
     created,
-    stopped_by_error,
 )
 from fte_sniff.recording.schema import (
     EVENTS,
@@ -444,7 +444,9 @@ class RecordingWriter:
 
     def stopped_by(self, error: OSError) -> FileError:
         """The error, with its cause, of a recording that the system does not let go on."""
-        found = stopped_by_error(self.path, error, self.flushed_rows)
+        form = STOPPED[LostDataError if isinstance(error, LostDataError) else OSError]
+        reason = reason_of(error)
+        found = FileError(form, path=self.path, rows=self.flushed_rows, reason=reason)
         found.__cause__ = error
         return found
 

@@ -102,7 +102,6 @@ def test_columns_of_meaning_follow_the_single_rows(rows: list[Row]) -> None:
     assert [words[code] for code in columns.directions.tolist()] == [row.direction for row in rows]
     assert [[*Status][code] for code in columns.statuses.tolist()] == [row.status for row in rows]
     assert columns.is_malformed.tolist() == [row.status is Status.MALFORMED for row in rows]
-    assert columns.has(Fault.NOISE).tolist() == [Fault.NOISE in row.faults for row in rows]
     raised = [row.kind is not None and row.kind.raised(row.raw) for row in rows]
     assert columns.raised().tolist() == raised
     for field in VALUE_FIELDS:
