@@ -218,7 +218,7 @@ def _online_bits(table: Table, matches: Bools, rule: Rule) -> Counted:
     at = table.counted[FEEDBACK[rows.kinds[table.counted]]]
     is_on = values_at(rows, NAME_OF_ROLE[Role.ONLINE], at) & (1 << motor_bit(motor)) != 0
     own = int((rows.nums[at] == motor).sum())
-    numbers = {"sum on": int(is_on.sum()), "sum frames": len(at), "sum own": own}
+    numbers = {"sum on": int(is_on.sum()), "sum feedback": len(at), "sum own": own}
     return _numbers(numbers), at[~is_on]
 
 
@@ -238,8 +238,8 @@ class Found(NamedTuple):
 
     rule: Rule
     counts: Counts
-    sums: Mapping[str, Any]
-    """The extent of all rows, and the numbers that were counted."""
+    sums: pl.DataFrame
+    """The extent of all rows, and the numbers that were counted; one row."""
     baseline: Counts | None
     """The counts of `compare` to compare with."""
 
@@ -253,43 +253,26 @@ class Measured(NamedTuple):
     """What counts most: a motor, a finding, or a change."""
 
 
-def _count(found: Found) -> Measured:
-    return Measured(found.sums["sum matches"])
+def _of(value: pl.Expr) -> Callable[[Found], Measured]:
+    """The value of a measure that is an expression of the sums."""
+
+    def measured(found: Found) -> Measured:
+        return Measured(found.sums.select(value).item())
+
+    return measured
 
 
-def _share(found: Found) -> Measured:
-    return Measured(found.sums["sum matches"] / found.sums["sum rows"])
-
-
-def _rate(found: Found) -> Measured:
-    seconds = _duration(found).value
-    return Measured(found.sums["sum matches"] / seconds if seconds else None)
-
-
-def _duration(found: Found) -> Measured:
-    first, last = found.sums["least t"], found.sums["greatest t"]
-    return Measured((last - first) / 1e9 if found.sums["sum timed"] > 1 else None)
-
-
-def _max_gap(found: Found) -> Measured:
-    known = found.sums["sum matches"] > 1
-    return Measured(found.sums["greatest gap"] / 1e9 if known else None)
-
-
-def _end(found: Found) -> Measured:
-    """The smallest or greatest value of a field."""
-    return Measured(found.sums["least value" if found.rule.measure == "min" else "greatest value"])
-
-
-def _mean(found: Found) -> Measured:
-    count = found.sums["sum count"]
-    return Measured(found.sums["sum value"] / count if count else None)
-
-
-def _online(found: Found) -> Measured:
-    """The share of the feedback in which a motor is online; None without feedback of it."""
-    sums = found.sums
-    return Measured(sums["sum on"] / sums["sum frames"] if sums["sum own"] else None)
+_SECONDS: Final = pl.when(pl.col("sum timed") > 1).then(
+    (pl.col("greatest t") - pl.col("least t")) / 1e9
+)
+_count = _of(pl.col("sum matches"))
+_share = _of(pl.col("sum matches") / pl.col("sum rows"))
+_duration = _of(_SECONDS)
+_rate = _of(pl.when(_SECONDS > 0).then(pl.col("sum matches") / _SECONDS))
+_max_gap = _of(pl.when(pl.col("sum matches") > 1).then(pl.col("greatest gap") / 1e9))
+_min, _max = (_of(pl.col(f"{end} value")) for end in ("least", "greatest"))
+_mean = _of(pl.when(pl.col("sum count") > 0).then(pl.col("sum value") / pl.col("sum count")))
+_online = _of(pl.when(pl.col("sum own") > 0).then(pl.col("sum on") / pl.col("sum feedback")))
 
 
 def _unanswered(found: Found) -> Measured:
@@ -369,8 +352,8 @@ MEASURES: Final[Mapping[str, Measure]] = {
     "count": Measure(_matching, _count, "count(malformed) == 0", _ROW, "rows", _FILTER, False),
     "share": Measure(_matching, _share, "share(malformed) <= 0.001", _ROW, "", _FILTER, False),
     "rate": Measure(_matching, _rate, "rate(feedback) >= 30", _TIMES, "1/s", _FILTER, False),
-    "min": Measure(_values, _end, "min(rpm) >= 0", *_FIELD),
-    "max": Measure(_values, _end, "max(rpm) <= 300", *_FIELD),
+    "min": Measure(_values, _min, "min(rpm) >= 0", *_FIELD),
+    "max": Measure(_values, _max, "max(rpm) <= 300", *_FIELD),
     "mean": Measure(_values, _mean, "mean(rpm) <= 300", *_FIELD),
     "duration": Measure(
         *(_nothing, _duration, "duration() >= 60", "two rows with times", "s", "", False)
@@ -518,8 +501,8 @@ def _verdict(rule: Rule, total: Counts, baseline: Counts | None) -> Verdict:
         return Verdict(rule, RuleResult.NOT_COVERED, needs=_ROW)
     if hidden and measure.needs_all:
         return Verdict(rule, RuleResult.NOT_COVERED, needs=f"all rows; {hidden_text(hidden)}")
-    numbers = counts["rows"].row(0, named=True) if "rows" in counts else {}
-    value, text = measure.value(Found(rule, counts, {**extent, **numbers}, baseline))
+    sums = pl.concat([total["extent"], counts.get("rows", pl.DataFrame())], how="horizontal")
+    value, text = measure.value(Found(rule, counts, sums, baseline))
     if value is None:
         untimed = "; no row has a time, try --start" if not extent["sum timed"] else ""
         return Verdict(rule, RuleResult.NOT_COVERED, needs=measure.needs + untimed)

@@ -38,16 +38,17 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         raise UsageError(
             f"report needs {error.name}: `{sys.executable} -m pip install {error.name}`"
         ) from error
+    from fte_sniff.analysis import events, statistics
     from fte_sniff.analysis.findings import find
     from fte_sniff.cli.stats import report_lines
     from fte_sniff.i18n import _, set_language
-    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS, together
+    from fte_sniff.session.measured import together
     from fte_sniff.session.stats_json import statistics_json
 
     set_language(load_settings().language(lang))
     if output.is_file() and not force:
         raise unwritable(output, FileExistsError())
-    counts, reading = measure(query, together(STATISTICS_AND_FINDINGS.count, counted))
+    counts, reading = measure(query, together(events.counted, statistics.counted, counted))
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     # A filter hides rows whose absence would be a finding.
     findings = find(counts).found if query.filter_text is None else []

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-import click
 from rich.text import Text
 
 from fte_sniff.analysis.table import MOTOR
@@ -50,21 +48,14 @@ def command(query: InputQuery, form: str) -> None:
     fte-sniff stats logs/ --from -10m
     fte-sniff stats samples/clean.mcap --format json
     """
-    from fte_sniff.analysis import findings, statistics
-    from fte_sniff.session.measured import STATISTICS_AND_FINDINGS
+    from fte_sniff.analysis.statistics import ANALYSIS
 
-    # A filter hides rows whose absence would be a finding.
-    with_findings = form == "table" and query.filter_text is None
-    analysis = STATISTICS_AND_FINDINGS if with_findings else statistics.ANALYSIS
-    counts, reading = measure(query, analysis)
+    counts, reading = measure(query, ANALYSIS)
     numbers = statistics_json(counts, reading, query.filter_text, query.baud)
     if form == "json":
         print_json(numbers)
     else:
         print_lines(report_lines(numbers, reading))
-        if with_findings and (found := findings.find(counts).found):
-            files = shlex.join(map(str, query.files))
-            click.echo(f"\nfindings   {len(found)}; see: fte-sniff findings {files}")
     finish(reading)
 
 

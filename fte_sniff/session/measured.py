@@ -29,10 +29,6 @@ def together(*counts: Callable[[Table], Counts]) -> Analysis:
     return Analysis(partial(_counts_of_all, counts))
 
 
-STATISTICS_AND_FINDINGS: Final = together(events.counted, statistics.counted)
-"""What `statistics` and `find` need, counted together."""
-
-
 PARTS: Final = 8
 """Parts that are added at once."""
 
