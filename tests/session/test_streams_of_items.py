@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import fte_sniff
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows
@@ -212,14 +210,3 @@ def test_an_error_of_the_disk_between_flushes_stops_the_file(
     recorder.close()
     assert recorder.failure is not None
     assert "Input/output error" in recorder.failure.message
-
-
-def test_files_that_an_executor_reads_have_the_numbers_of_one_reading(tmp_path: Path) -> None:
-    names = [tmp_path / name for name in ("a.mcap", "b.mcap")]
-    for number, path in enumerate(names):
-        start_ns = (1 + number) * 10 * SECOND
-        recorded(path, rows_at("p", *(start_ns + at * SECOND for at in range(5))))
-    with ThreadPoolExecutor(2) as executor:
-        found = fte_sniff.stats(names, executor=executor)
-    assert found == fte_sniff.stats(names)
-    assert found["rows"] == 10
