@@ -23,7 +23,7 @@ Commands:
 What several commands share:
 
     main          The group of commands, and the message and exit code of each error.
-    streams       Standard streams, signals, progress: what ends or delays a command.
+    streams       Standard streams and signals: what ends or delays a command.
     options       Click options and parameter types that do not concern files.
     settings      Settings file and environment.
     input_files   Names of files, FILE arguments, filter and times, inputs, the summary.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from heapq import merge
 from signal import Signals
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from fte_sniff.cli.streams import NOT_BEGUN, STDOUT, abandon_stdout, ending_signals, print_err
+from fte_sniff.cli.streams import NOT_BEGUN, ending_signals, print_err
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.feed import FeedUpdate
@@ -26,7 +26,7 @@ class Observer:
         """Handle that the port and the recording, if any, are open."""
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Handle rows and events; not called again after it has raised an exception."""
+        """Handle rows and events."""
 
     def ended(self, session: LiveSession) -> None:
         """Handle the end; also called if the capture or another observer failed."""
@@ -41,7 +41,7 @@ def capture(
     plan: CapturePlan,
     observers: Sequence[Observer],
     numbers: Sequence[Signals],
-    drive: Callable[[LiveSession], int] | None = None,
+    show: Callable[[LiveSession], int] | None = None,
 ) -> int:
     """Run a capture until it ends, or until its end is requested.
 
@@ -52,48 +52,28 @@ def capture(
         plan: what to capture.
         observers: what is called, in this order.
         numbers: the signals that request the end.
-        drive: polls the session in place of this function, under signal handlers of its own.
+        show: polls the session in place of this function, under signal handlers of its own.
 
     Returns:
-        The exit code of `drive`, otherwise 0.
+        The exit code of `show`, otherwise 0.
 
     Raises:
         FteSniffError: the capture failed; everything is closed and reported before.
-
-    A standard output that has lost its reader ends the capture, as a closed screen does, unless it
-    outlives its view.
     """
     from fte_sniff.session.live_session import LiveSession
 
-    active = list(observers)
-
     def observe(update: FeedUpdate) -> None:
-        for one in tuple(active):
-            try:
-                one.update(update, session)
-            except BrokenPipeError:
-                active.remove(one)
-                abandon_stdout()
-                if not plan.is_temporary:
-                    print_err(
-                        f"{STDOUT} has no reader any more: {_WITHOUT_READER[plan.outlives_view]}"
-                    )
-                if not plan.outlives_view:
-                    session.stop()
-            except BaseException:
-                active.remove(one)  # or it raises again for the rest
-                raise
+        for one in observers:
+            one.update(update, session)
 
     code = 0
-    session = LiveSession(plan, observe)
-    ending = partial(ending_signals, session.interrupt, numbers)
-    with ExitStack() as handlers:
+    with ExitStack() as handlers, closing(LiveSession(plan, observe)) as session:
+        ending = partial(ending_signals, session.interrupt, numbers)
         handlers.enter_context(ending())
-        if drive is not None:  # on another core, the capture process starts meanwhile
+        if show is not None:  # on another core, the capture process starts meanwhile
             import fte_sniff.tui.app  # noqa: F401
         session.begin()
         if not session.capture.started:
-            session.close()
             print_err(NOT_BEGUN)
             return 0
         with ExitStack() as ends:
@@ -101,29 +81,21 @@ def capture(
                 for one in observers:
                     ends.callback(one.ended, session)
                     one.begun(session)
-                if drive is None:
+                if show is None:
                     _drain(session)
                 else:
                     with suppress(KeyboardInterrupt):  # before the screen handles signals
                         handlers.close()
-                        code = drive(session)
+                        code = show(session)
             finally:
-                if drive is not None:
+                if show is not None:
                     begin_end = handlers.enter_context(ending())
                     begin_end()  # a stopped terminal may not block the exit either
                 session.stop()
                 _drain(session)
-                session.close()
-        if session.capture.error is not None:
-            raise session.capture.error
+    if session.capture.error is not None:
+        raise session.capture.error
     return code
-
-
-_WITHOUT_READER: Final = {
-    False: "the capture ends; with --keep-recording it goes on",
-    True: "the recording goes on; Ctrl-C ends it",
-}
-"""What a recording does after the reader of its rows has gone, by whether it outlives its view."""
 
 
 def _drain(session: LiveSession) -> None:

@@ -43,7 +43,7 @@ from fte_sniff.cli.options import (
     seconds_from,
 )
 from fte_sniff.cli.settings import Settings
-from fte_sniff.cli.streams import print_err
+from fte_sniff.cli.streams import STDOUT, abandon_stdout, print_err
 from fte_sniff.errors import UsageError, printable, quoted, size_text
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
@@ -269,7 +269,7 @@ def run_capture(
         )
         observers += [
             CaptureReport(plan, zone, "recording to"),
-            PlainLines(wanted, given.alert, write),
+            PlainLines(plan, wanted, given.alert, write),
         ]
     else:
         from fte_sniff.tui.options import StartOptions
@@ -365,29 +365,46 @@ class PlainLines(Observer):
 
     def __init__(
         self,
+        plan: CapturePlan,
         wanted: RowFilter | None,
         alert: Alert | None,
         write: Callable[[Rows], None],
     ) -> None:
         """None filters nothing, and alerts to nothing."""
+        self._plan, self._alert, self._write = plan, alert, write
         self._wanted = None if wanted is None else wanted.stream()
-        self._alert, self._write = alert, write
+        self._is_over = False
 
     def update(self, update: FeedUpdate, session: LiveSession) -> None:
-        """Print the rows; raises OSError if standard output cannot be written."""
-        if session.hurried:
+        """Print the rows; raises OSError, once, if standard output cannot be written.
+
+        Without a reader the capture ends, as with a closed screen, unless it outlives its view.
+        """
+        if self._is_over or session.hurried:
             return
         rows = update.rows
         if self._wanted is not None:
             rows = self._wanted.select(rows, update.changes)
-        self._write(rows)
+        self._is_over = True
+        try:
+            self._write(rows)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            abandon_stdout()
+            if not self._plan.outlives_view:
+                if not self._plan.is_temporary:
+                    print_err(_NO_READER)
+                session.stop()
+            return
+        self._is_over = False
         rings = self._alert is not None and self._alert.observe(
             update.rows, time.monotonic(), update.events
         )
         if rings and sys.stderr.isatty():
-            sys.stderr.write("\a")
-            sys.stderr.flush()
-        sys.stdout.flush()
+            print("\a", end="", file=sys.stderr, flush=True)
+
+
+_NO_READER = f"{STDOUT} has no reader any more: the capture ends; with --keep-recording it goes on"
 
 
 class Screen(CaptureReport):

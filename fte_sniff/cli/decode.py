@@ -15,7 +15,6 @@ from fte_sniff.cli.input_files import (
     exit_if_unreadable,
     follow_option,
     input_options,
-    is_typed,
     output_options,
     print_notes,
     summary,
@@ -26,7 +25,7 @@ from fte_sniff.cli.options import (
     grouped_command,
     rows_format_option,
 )
-from fte_sniff.cli.streams import ending_signals, print_err, progress_line
+from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
 from fte_sniff.recording.metadata import Selection
@@ -77,13 +76,11 @@ def command(
     # Following ends by Ctrl-C, as a capture does.
     follower = query.follower() if following else None
     ending = nullcontext() if follower is None else ending_signals(follower.stop)
-    # Rows on standard output show themselves how far it is.
-    shown = not _is_stdout(output) and not is_typed(query.files)
-    with ending, progress_line(shown=shown) as progress:
+    with ending:
         # The rows of a stream do not wait, unless the filter needs it.
         facts = written in _WITH_FACTS and follower is None and STDIN not in query.files
         row_filter = query.row_filter()
-        reading = query.read(progress, follower)
+        reading = query.read(follower)
         reading.row_filter, reading.limit, reading.has_facts = row_filter, limit, facts
         source = reading.source(columns)
         with _opened(written, output, source, force=force) as write:

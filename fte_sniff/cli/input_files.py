@@ -57,7 +57,6 @@ from fte_sniff.session.inputs import (
     Input,
     InputKind,
     InputReading,
-    Progress,
     chunk_input,
     kind_of,
     recording_input,
@@ -444,9 +443,7 @@ class InputQuery:
         found = ([one] if one == STDIN else files_of(one) for one in self.files)
         return list(chain.from_iterable(found))
 
-    def read(
-        self, progress: Progress | None = None, follower: Follower | None = None
-    ) -> InputReading:
+    def read(self, follower: Follower | None = None) -> InputReading:
         """Open the inputs; `follower` reads the one input, if another program writes it.
 
         Raises:
@@ -462,18 +459,14 @@ class InputQuery:
                 unreadable.append(error)
         if not inputs:
             raise unreadable[0]
-        found = InputReading(
+        return InputReading(
             inputs,
             time_range(self.since, self.until, (one.times() for one in inputs), self._zone),
             baud=self.baud,
             is_pair=self.pair,
             zone=self._zone,
             unreadable=unreadable,
-            progress=progress or Progress(),
         )
-        if follower is not None:
-            found.progress.step = f"following {inputs[0].name}"
-        return found
 
     def follower(self) -> Follower:
         """Open the one input, which another program writes.
@@ -499,11 +492,6 @@ def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
         raise UsageError("'-' is standard input, which can be read once; name it once")
     if output is not None and any(is_same_file(path, output) for path in files):
         raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
-
-
-def is_typed(files: Sequence[Path]) -> bool:
-    """Whether the user types what is read."""
-    return STDIN in files and sys.stdin.isatty()
 
 
 def _in_quotes(text: str) -> str:

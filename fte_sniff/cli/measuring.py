@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, is_typed, print_notes
+from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
 from fte_sniff.cli.options import format_option
-from fte_sniff.cli.streams import print_err, progress_line
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.formats.writers import printable_json
@@ -54,11 +54,10 @@ def measure(query: InputQuery, analysis: Analysis) -> tuple[Counts, InputReading
     if query.cluster is not None:  # its workers may be in other folders
         query = replace(query, files=tuple(path.absolute() for path in query.files))
     wanted = query.row_filter()
-    with progress_line(shown=not is_typed(query.files)) as progress:
-        reading = query.read(progress)
-        if query.cluster is None and min(query.jobs or 1, len(reading.groups)) == 1:
-            return measured(reading, analysis, wanted, query.baud), reading
-        return total_of(analysis, _parts_from_elsewhere(query, reading, analysis)), reading
+    reading = query.read()
+    if query.cluster is None and min(query.jobs or 1, len(reading.groups)) == 1:
+        return measured(reading, analysis, wanted, query.baud), reading
+    return total_of(analysis, _parts_from_elsewhere(query, reading, analysis)), reading
 
 
 def _parts_from_elsewhere(

@@ -107,21 +107,19 @@ rows_format_option = partial(
 
 
 def _columns(_context: click.Context, _option: click.Parameter, text: str | None) -> Any:
-    """The columns of a list with commas; raises UsageError if one is unknown or named twice."""
+    """The columns of a list with commas; raises UsageError if one is unknown."""
     if text is None:
         return None
     from fte_sniff.protocol.columns import COLUMN_BY_NAME
 
-    names = tuple(name.strip() for name in text.split(","))
+    names = dict.fromkeys(name.strip() for name in text.split(","))
     for name in names:
         if name not in COLUMN_BY_NAME:
             from fte_sniff.analysis.filter.row_filter import nearest
 
             fix = nearest(name, COLUMN_BY_NAME)
             raise UsageError(f"--columns: unknown column {quoted(name)}; {fix}")
-        if names.count(name) > 1:
-            raise UsageError(f"--columns names {name} twice")
-    return names
+    return tuple(names)
 
 
 columns_option = click.option(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.cli.input_files import FileName, output_options, print_notes, summary
-from fte_sniff.cli.streams import print_err, progress_line
+from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import OutputFormat
 from fte_sniff.recording.output_file import Existing
@@ -16,7 +16,7 @@ from fte_sniff.session.save import exported, is_same_file
 
 if TYPE_CHECKING:
     from fte_sniff.recording.reader import Recording
-    from fte_sniff.session.inputs import InputReading, Progress
+    from fte_sniff.session.inputs import InputReading
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
@@ -39,9 +39,8 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if is_same_file(target, file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
-    with progress_line() as progress:
-        existing = Existing.REPLACE if force else Existing.REFUSE
-        reading = repaired(Recording(file), target, existing, progress)
+    existing = Existing.REPLACE if force else Existing.REFUSE
+    reading = repaired(Recording(file), target, existing)
     if reading is None:
         print_err(f"{file} is whole; there is nothing to repair")
         return
@@ -50,19 +49,17 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     print_err(f"repaired into {target}")
 
 
-def repaired(
-    recording: Recording, target: Path, existing: Existing, progress: Progress | None = None
-) -> InputReading | None:
+def repaired(recording: Recording, target: Path, existing: Existing) -> InputReading | None:
     """Copy what can be read of a recording to a new file, with a gap where something is lost.
 
     Returns what was read; None if the recording is intact, and no file is written then. Raises
     FileError if no row can be read of a file with data, or the new file cannot be written.
     """
-    from fte_sniff.session.inputs import InputReading, Progress, recording_input
+    from fte_sniff.session.inputs import InputReading, recording_input
 
     if recording.is_intact():
         return None
-    reading = InputReading([recording_input(recording)], progress=progress or Progress())
+    reading = InputReading([recording_input(recording)])
     with exported(target, OutputFormat.MCAP, reading.source(), existing) as write:
         for item in reading:
             write(item)

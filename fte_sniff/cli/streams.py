@@ -1,9 +1,4 @@
-"""Standard streams and signals: closed pipes, blocked output, Ctrl-C, SIGTERM and SIGHUP; progress.
-
-Progress of reading files is a line on standard error. It appears after `PATIENCE_S`, and only on a
-terminal. It is a single line without cursor movement, so that a program that is killed leaves the
-terminal as it was.
-"""
+"""Standard streams and signals: closed pipes, blocked output, Ctrl-C, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
@@ -16,10 +11,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from datetime import timedelta
-from threading import Event, Thread
-from time import monotonic
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -28,8 +20,6 @@ from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, POSIX
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
-
-    from fte_sniff.session.inputs import Progress
 
 
 _LEAST_MEMORY = 400 << 20
@@ -211,57 +201,3 @@ def ending_signals(
             signal.signal(signal.SIGALRM, on_alarm)
             # During interpreter shutdown no Python handler runs; SIGALRM would kill.
             atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
-
-
-PATIENCE_S: Final = 2.0
-"""How long reading takes before the line appears."""
-
-_INTERVAL_S: Final = 0.2
-_LONGEST_WAIT_S: Final = 1.0
-"""How long a terminal that takes nothing may delay the end."""
-
-_ERASE: Final = "\r\x1b[K"
-
-
-@contextmanager
-def progress_line(*, shown: bool = True) -> Iterator[Progress]:
-    """Context that shows its value, a new `Progress`, while the commands in it read files.
-
-    It shows nothing unless standard error is a terminal, or without `shown`.
-    """
-    from fte_sniff.session.inputs import Progress
-
-    progress, ended, start = Progress(), Event(), monotonic()
-
-    def show() -> None:
-        if ended.wait(PATIENCE_S):
-            return
-        try:
-            columns = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-            while not ended.wait(_INTERVAL_S):
-                text = progress_text(progress, monotonic() - start)
-                print(f"{_ERASE}{text[: columns - 1]}", end="", file=sys.stderr, flush=True)
-            print(_ERASE, end="", file=sys.stderr, flush=True)
-        except OSError:
-            abandon(sys.stderr.fileno())
-
-    thread = Thread(target=show, name="shows progress", daemon=True)
-    if shown and sys.stderr.isatty():
-        thread.start()
-    try:
-        yield progress
-    finally:
-        ended.set()
-        if thread.is_alive():
-            thread.join(_LONGEST_WAIT_S)
-
-
-def progress_text(progress: Progress, seconds: float) -> str:
-    """The line after some seconds: `reading  1,200 rows  40%  0:00:15 left`."""
-    text = printable(progress.step or "reading")
-    if progress.rows:
-        text += f"  {progress.rows:,} rows"
-    share = min(1.0, progress.rows / progress.total) if progress.total else 0.0
-    if share >= 0.001 and not progress.step:  # before that, the speed is not known
-        text += f"  {share:.0%}  {timedelta(seconds=round(seconds / share - seconds))} left"
-    return text

@@ -26,7 +26,7 @@ from fte_sniff.cli.options import (
     grouped_command,
 )
 from fte_sniff.cli.settings import lang_option, load_settings
-from fte_sniff.cli.streams import ending_signals, progress_line
+from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.real_number import RealNumber
@@ -61,13 +61,10 @@ def command(
     fte-sniff view --follow capture.mcap
     fte-sniff view --play 4 samples/clean.mcap
     """
-    if STDIN in query.files:
+    if STDIN in query.files or not (sys.stdout.isatty() and sys.stdin.isatty()):
         raise UsageError(
-            "view reads files only, since the keys come from standard input;"
-            " 'fte-sniff decode -' reads it"
+            "view needs files and a terminal; 'fte-sniff decode' reads - and writes to pipes"
         )
-    if not (sys.stdout.isatty() and sys.stdin.isatty()):
-        raise UsageError("view needs a terminal; 'fte-sniff decode' writes rows to pipes and files")
     settings = load_settings()
     language = settings.language(lang)
     if not query.files:
@@ -78,12 +75,11 @@ def command(
     from fte_sniff.tui.options import StartOptions
 
     wanted, paths = query.row_filter(), query.paths()
-    with progress_line() as progress:
-        follower = query.follower() if following else None
-        reading = query.read(progress, follower)
-        items = iter(reading)
-        # The first item is read now, so that an error comes before the screen.
-        begun = list(islice(items, 1))
+    follower = query.follower() if following else None
+    reading = query.read(follower)
+    items = iter(reading)
+    # The first item is read now, so that an error comes before the screen.
+    begun = list(islice(items, 1))
     source = reading.source()
     setup = settings.line_setup(source.ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
@@ -92,7 +88,7 @@ def command(
     session = FileFeed(
         shown if play_speed is None else played(shown, play_speed),
         " ".join(map(str, query.files)),
-        reading.progress.total,
+        reading.total,
         list(map(str, paths)),
         follower,
         plays=play_speed is not None,

@@ -94,17 +94,6 @@ def kind_of(name: str, first: bytes) -> InputKind:
 # An input
 
 
-@dataclass(slots=True)
-class Progress:
-    """How far the reading of files has come; another thread may read it at any time."""
-
-    step: str = ""
-    """What happens before rows are read; empty then. May hold text from outside."""
-    total: int | None = None
-    """Rows of all files, about; None if unknown."""
-    rows: int = 0
-
-
 STDIN_NAME = "stdin"
 """The port of rows that came through standard input."""
 
@@ -361,7 +350,8 @@ class InputReading:
     """That of times in text."""
     unreadable: list[FileError] = field(default_factory=list)
     """Errors of inputs that could not be opened or read."""
-    progress: Progress = field(default_factory=Progress)
+    total: int | None = field(init=False)
+    """Rows of all inputs, about; None if unknown."""
     groups: list[Sequence[Input]] = field(init=False)
     """The inputs that belong together."""
     tally: Tally = field(default_factory=Tally)
@@ -381,7 +371,7 @@ class InputReading:
         self.notes += map(str, self.unreadable)
         counts = [one.count for one in self.inputs if one.count is not None]
         is_known = len(counts) == len(self.inputs) and self.span is None
-        self.progress.step, self.progress.total = "", sum(counts) if is_known else None
+        self.total = sum(counts) if is_known else None
 
     @property
     def selections(self) -> list[Selection]:
@@ -408,7 +398,6 @@ class InputReading:
         """Add inputs that were read elsewhere."""
         tally, notes, gaps, unreadable = counts
         self.tally.merge(tally)
-        self.progress.rows += tally.rows
         self.notes += notes
         self.reported_gaps += gaps
         self.unreadable += unreadable
@@ -496,7 +485,6 @@ class InputReading:
         for item in items:
             if isinstance(item, Rows):
                 self.tally.observe(item)
-                self.progress.rows += len(item)
             elif isinstance(item, Gap) and item.kind in (GapKind.WRITE_ERROR, GapKind.LEFT_OUT):
                 span = self.span or EVERYTHING
                 gap = item.within(span.first_ns, span.end_ns - 1)

@@ -51,17 +51,8 @@ class LiveSession(ItemFeed):
     def __init__(
         self, plan: CapturePlan, observe: Callable[[FeedUpdate], None] | None = None
     ) -> None:
-        """Start the capture process; `observe` receives each update too.
-
-        Raises FileError if the working folder is gone.
-        """
+        """Start the capture process; `observe` receives each update too."""
         self._plan, self._observe = plan, observe
-        try:
-            Path.cwd()
-        except OSError as error:
-            raise FileError(
-                TranslatableText("the working folder is gone; go to another one with `cd`")
-            ) from error
         self.capture = CaptureState()
         """The latest state of the capture process."""
         self._lost = set[str]()
@@ -87,7 +78,6 @@ class LiveSession(ItemFeed):
         while not self._begun.wait(WAIT_S):
             self._kill_if_overdue()
         if self.capture.is_ended and self.capture.error is not None:
-            self.close()
             raise self.capture.error
 
     @property

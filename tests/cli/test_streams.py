@@ -1,4 +1,4 @@
-"""Standard streams that are closed, full or without a reader; signals at any moment; progress."""
+"""Standard streams that are closed, full or without a reader; signals at any moment."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import re
 import signal
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,8 +14,6 @@ import pytest
 from fte_sniff.cli.streams import NOT_BEGUN
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM, started
-from tests.cli.processes import FRAME as RESET
-from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import crossed, first
 
@@ -250,70 +248,3 @@ def test_too_many_open_files_are_one_line(bash, limit: int, command: str) -> Non
         assert last.startswith("fte-sniff: ")
         assert "too many open files" in last.lower()
         assert "Traceback" not in errors
-
-
-AT_ONCE = (
-    "import fte_sniff.cli.streams as streams; streams.PATIENCE_S = 0\n"
-    "from fte_sniff.cli import main\nmain()"
-)
-"""The program, whose line appears at once."""
-LINE = RESET.hex(" ").encode() + b"\n"
-
-
-@pytest.fixture
-def large(tmp_path: Path) -> Path:
-    """Raw bytes that take some time."""
-    path = tmp_path / "large.raw"
-    path.write_bytes(RESET * 1_000_000)
-    return path
-
-
-def test_a_pipe_shows_after_two_seconds_that_it_is_read(
-    environment: Mapping[str, str], tmp_path: Path
-) -> None:
-    pipe = tmp_path / "pipe.hex"
-    os.mkfifo(pipe)
-    arguments = ("decode", str(pipe), "-o", "rows.csv")
-    with terminal(environment, tmp_path, *arguments) as screen, pipe.open("wb", 0) as log:
-        log.write(LINE * 300)
-        screen.until("reading")
-        log.close()
-        assert screen.ended() == 0
-    *_, last = screen.drawn.decode().splitlines()
-    assert last.rpartition("\x1b[K")[2].startswith("300 rows, nothing malformed")
-    assert len((tmp_path / "rows.csv").read_text().splitlines()) == 301
-
-
-def test_rows_on_a_terminal_show_themselves_how_far_it_is(
-    environment: Mapping[str, str], tmp_path: Path
-) -> None:
-    (tmp_path / "some.raw").write_bytes(RESET * 200)
-    arguments = ("decode", "some.raw", "--format", "jsonl")
-    with terminal(environment, tmp_path, *arguments, code=AT_ONCE) as screen:
-        assert screen.ended() == 0
-    shown = screen.drawn.decode().split("\r\n")
-    assert len([line for line in shown if line.startswith("{") and line.endswith("}")]) == 200
-    assert "\x1b" not in screen.drawn.decode()
-
-
-@pytest.mark.parametrize("command", ["decode", "stats"])
-def test_every_command_that_reads_files_shows_how_much_is_left(
-    environment: Mapping[str, str], tmp_path: Path, large: Path, command: str
-) -> None:
-    arguments = [command, str(large)]
-    if command == "decode":
-        arguments += ["-o", "rows.csv"]
-    with terminal(environment, tmp_path, *arguments, code=AT_ONCE) as screen:
-        screen.until("left")
-        assert screen.ended() == 0
-    assert re.search(r"reading .*\d%", screen.drawn.decode())
-
-
-def test_no_terminal_no_progress(
-    program: Program, environment: Mapping[str, str], tmp_path: Path, large: Path
-) -> None:
-    arguments = ["decode", str(large), "-o", "rows.csv"]
-    done = program.run(arguments, b"", tmp_path, environment, AT_ONCE)
-    assert done.code == 0
-    assert b"\r" not in done.errors
-    assert b"\x1b" not in done.errors
