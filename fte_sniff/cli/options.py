@@ -151,34 +151,24 @@ def require_pseudo_terminals(command: str, instead: str) -> None:
         )
 
 
-DURATION_EXAMPLE: Final = "a time; use for example 100ms, 10s, 5min or 1h"
-"""The end of the error for a text that is not a duration."""
-
-
-_MOST_NS: Final = 1 << 100
-"""More than any option takes, and not too much for a float."""
-
-
 def parse_seconds(text: str) -> float | None:
     """Seconds of `100ms`, `10s`, `5min`, `1h` or `2d`; None for other texts."""
     from fte_sniff.analysis.time_text import SECOND_NS, duration_ns
 
     found = duration_ns(text)
-    return None if found is None else min(found, _MOST_NS) / SECOND_NS
+    return None if found is None else min(found, 1 << 100) / SECOND_NS  # not too much for a float
 
 
 def seconds_from(low: float, high: float = inf) -> Callable[[str], float]:
     """The type of an option: seconds, or a number with a unit, from `low` to `high`."""
 
     def convert(text: str) -> float:
-        parsed = parse_seconds(text)
-        try:
-            found = float(text) if parsed is None else parsed
-        except ValueError:
-            raise click.BadParameter(f"{text!r} is not {DURATION_EXAMPLE}.") from None
-        if not low <= found <= high:
-            most = "or more" if high == inf else f"to {high:g} s"
-            raise click.BadParameter(f"{text} is out of range; use {low:g} s {most}.")
+        found = parse_seconds(text) or parse_seconds(f"{text}s")
+        if found is None or not low <= found <= high:
+            most = "" if high == inf else f" to {high:g} s"
+            raise click.BadParameter(
+                f"{quoted(text)} is not a time from {low:g} s{most}; use for example 10s or 5min"
+            )
         return found
 
     return convert

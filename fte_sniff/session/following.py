@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from fte_sniff.errors import FileError, Joint, TranslatableText, listed
+from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Item
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
@@ -156,10 +156,9 @@ class Follower:
             )
         if self._open_ports:
             return TranslatableText(
-                "{path}: the program that recorded it ended without closing {ports}; it was killed"
-                " or could not write, and its last rows may be missing",
+                "{path}: the program that recorded it ended without closing its ports; it was "
+                "killed or could not write, and its last rows may be missing",
                 path=path,
-                ports=listed(sorted(self._open_ports), Joint.AND),
             )
         return TranslatableText("{path}: the program that recorded it has ended", path=path)
 

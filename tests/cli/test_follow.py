@@ -120,7 +120,7 @@ def test_the_rows_before_a_kill_of_the_writer_are_kept(run, environment, tmp_pat
 @pytest.mark.parametrize(
     ("end", "words"),
     [
-        (signal.SIGKILL, "ended without closing sim://?rate=200; it was killed"),
+        (signal.SIGKILL, "ended without closing its ports; it was killed"),
         (signal.SIGTERM, "has ended\n"),
     ],
 )
