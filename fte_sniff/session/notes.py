@@ -133,8 +133,9 @@ class Notes:
         try:
             _append(path, line_of(key, text))
         except OSError as error:
-            form = "the note is not saved: {path}: {why}"
-            raise FileError(form, path=path, why=reason_of(error)) from error
+            raise FileError(
+                "the note is not saved: {path}: {why}", path=path, why=reason_of(error)
+            ) from error
         if path in self.written:
             return None
         self.written.append(path)
