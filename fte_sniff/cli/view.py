@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 
-from fte_sniff.analysis.feed import SPEEDS
 from fte_sniff.analysis.filter.row_filter import Alert
 from fte_sniff.cli.input_files import (
     STDIN,
@@ -39,7 +38,7 @@ from fte_sniff.real_number import RealNumber
 @click.option(
     "--play",
     "play_speed",
-    type=RealNumber(SPEEDS[0], SPEEDS[-1]),
+    type=RealNumber(0.1, 100),
     metavar="SPEED",
     help="Play the rows as fast as they came, or 0.1 to 100 times as fast.",
 )

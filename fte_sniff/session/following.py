@@ -2,8 +2,7 @@
 
     is it over? ── grow ── items of the new chunks ── wait, and again ── next file, or the end
 
-The file is polled, which also works on network file systems. Following ends when the writer
-releases its lock; if no lock was ever seen, when the file has not grown for some time.
+The file is polled. Following ends when no writer holds its lock.
 """
 
 from __future__ import annotations
@@ -23,9 +22,6 @@ POLL_S: Final = 0.1
 
 RELEASE_S: Final = 5.0
 """How long the next file is waited for."""
-
-IDLE_S: Final = 10.0
-"""How long a file without a lock may stay as it is."""
 
 
 def grown(
@@ -73,11 +69,8 @@ class Follower:
         """Whether its end was requested, and whether all that was there at first is read."""
         self.ended: str | None = None
         """Why following ended, one line; None while it goes on."""
-        self._has_lock = False
-        """Whether locks work: one was seen."""
         self._open_ports = set[str]()
         """The ports that were opened, and neither closed nor lost."""
-        self._chunks, self._changed_s = 0, time.monotonic()
 
     def stop(self) -> None:
         """Request the end of following; may be called in a signal handler."""
@@ -95,7 +88,8 @@ class Follower:
         reader: Recording | None = self.reader
 
         def is_over() -> bool:
-            return self._is_over(wanted.end_ns)
+            self.stopped |= self.reader.times is not None and self.reader.times[1] >= wanted.end_ns
+            return self.stopped or not self.reader.has_writer
 
         try:
             while reader is not None:
@@ -122,20 +116,6 @@ class Follower:
         elif event.kind in (PortEventKind.CLOSED, PortEventKind.LOST):
             self._open_ports.discard(event.port)
 
-    def _is_over(self, end_ns: int) -> bool:
-        """Whether the file is complete, as far as can be known, or nothing more of it is wanted."""
-        reader, now_s = self.reader, time.monotonic()
-        if len(reader.contents.chunks) != self._chunks:
-            self._chunks, self._changed_s = len(reader.contents.chunks), now_s
-        has_writer = reader.has_writer
-        self._has_lock |= has_writer
-        self.stopped |= reader.times is not None and reader.times[1] >= end_ns
-        if self.stopped:
-            return True
-        if has_writer or self._has_lock:
-            return not has_writer
-        return now_s >= self._changed_s + IDLE_S or reader.find_next() is not None
-
     def _next(self) -> Recording | None:
         """The next file; a writer with open ports may begin one soon, as after a disk error."""
         until_s = time.monotonic() + (RELEASE_S if self._open_ports else 0)
@@ -150,14 +130,10 @@ class Follower:
     def _end(self) -> TranslatableText:
         """Why following ended with a file that has no next one."""
         path = self.reader.path
-        if not self._has_lock:
-            return TranslatableText(
-                "{path}: nothing was written to it for {seconds:g} s", path=path, seconds=IDLE_S
-            )
         if self._open_ports:
             return TranslatableText(
-                "{path}: the program that recorded it ended without closing its ports; it was "
-                "killed or could not write, and its last rows may be missing",
+                "{path}: nothing records to it any more, but its ports were not closed: the program"
+                " was killed, could not write, or is on another machine",
                 path=path,
             )
         return TranslatableText("{path}: the program that recorded it has ended", path=path)
