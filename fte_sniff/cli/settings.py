@@ -1,12 +1,7 @@
 """The settings file, which is the user's, and the choices of the screen, which the program stores.
 
 [screen]
-theme = "textual-light"
-columns = ["time", "kind", "values", "faults"]
 language = "zh"                 # or en, or auto: that of the locale
-
-[filters]                       # listed by the key f, with those that ^s there adds
-stalled = "abs(rpm) < 10 AND motor IS NOT NULL"
 
 [port."/dev/ttyUSB0"]           # or its stable name, /dev/serial/by-id/...
 baud = 115200
@@ -19,7 +14,7 @@ zone = "Asia/Shanghai"          # of times in lines, CSV, and on the screen
 reconnect = false               # end when a port is lost
 network = true                  # --udp and --serve may use a network: anyone there can read
 
-What is chosen on the screen is stored in the state folder, where it differs from this file.
+What is chosen on the screen is stored in the state folder.
 """
 
 from __future__ import annotations
@@ -29,7 +24,7 @@ import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import tzinfo
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -72,15 +67,18 @@ _RATIO: Final = RealNumber(0, min_open=True)
 
 _ANY_NAME: Final = ""
 
-_SCREEN: Final[Mapping[str, Any]] = {
+_LANGUAGE: Final = click.Choice([*LANGUAGES, AUTO])
+
+_CHOICES: Final[Mapping[str, Any]] = {
     "theme": click.Choice(THEMES),
     "columns": _list_of(click.Choice(ORDER)),
-    "language": click.Choice([*LANGUAGES, AUTO]),
+    "language": _LANGUAGE,
+    "filters": {_ANY_NAME: click.STRING},
 }
-_FILTERS: Final = {_ANY_NAME: click.STRING}
+"""Fields of `Choices`."""
 
 _TABLES: Final[Mapping[str, Any]] = {
-    "screen": _SCREEN,
+    "screen": {"language": _LANGUAGE},
     "live": {
         "ports": _list_of(click.STRING),
         "zone": _zone,
@@ -88,7 +86,6 @@ _TABLES: Final[Mapping[str, Any]] = {
         "network": click.BOOL,
     },
     "port": {_ANY_NAME: {"baud": click.IntRange(1), "resolution": _RATIO, "gear-ratio": _RATIO}},
-    "filters": _FILTERS,
 }
 """What a settings file may have: of each name the type of its value, or such a table."""
 
@@ -122,7 +119,6 @@ class Settings:
     live: Mapping[str, Any] = field(default_factory=dict)
     port: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """By the name of a port: `baud`, `resolution` and `gear-ratio`."""
-    filters: Mapping[str, str] = field(default_factory=dict)
     path: Path = Path()
     trouble: tuple[str, ...] = ()
     """What is wrong with the file, one line each."""
@@ -156,38 +152,35 @@ class Settings:
 
     def language(self, lang: str | None = None) -> str:
         """The language of the screen; `lang` is the value of `--lang`."""
-        return language_of(lang or self.screen.get("language"), os.environ)
+        wanted = lang or _stored().get("language") or self.screen.get("language")
+        return language_of(wanted, os.environ)
 
     @property
     def choices(self) -> Choices:
-        """Those of the file, with what was chosen on the screen; what is invalid is ignored."""
+        """What was chosen on the screen; what is invalid is ignored."""
         from fte_sniff.tui.options import Choices
 
-        stored: Any = {}
-        with suppress(OSError, ValueError, RecursionError):  # absent, or of another version
-            stored = json.loads(_choices_path().read_text("utf-8"))
-        stored = _valid(stored, {**_SCREEN, "filters": _FILTERS}, [])
-        filters = {**self.filters, **stored.pop("filters", {})}
-        return Choices(**{**self.screen, **stored}, filters=tuple(filters.items()))
+        stored = _stored()
+        filters = tuple(stored.pop("filters", {}).items())
+        return Choices(**stored, filters=filters)
 
     def keep(self, choices: Choices) -> None:
-        """Store what differs from the file for the next start; a failure is only reported."""
+        """Store the choices for the next start; a failure is only reported."""
         from fte_sniff.session.save import replace_text
 
-        chosen = {name: getattr(choices, name) for name in _SCREEN}
-        own: dict[str, Any] = {
-            name: value
-            for name, value in chosen.items()
-            if value not in (None, self.screen.get(name))
-        }
-        own["filters"] = {
-            name: text for name, text in choices.filters if self.filters.get(name) != text
-        }
-        path = _choices_path()
+        path, chosen = _choices_path(), asdict(choices) | {"filters": dict(choices.filters)}
         try:
-            replace_text(path, json.dumps(own, ensure_ascii=False, indent=1))
+            replace_text(path, json.dumps(chosen, ensure_ascii=False, indent=1))
         except OSError as error:
             print_err(f"the choices of the screen are not saved: {path}: {reason_of(error)}")
+
+
+def _stored() -> dict[str, Any]:
+    """The valid ones of the stored choices."""
+    stored: Any = {}
+    with suppress(OSError, ValueError, RecursionError):  # absent, or of another version
+        stored = json.loads(_choices_path().read_text("utf-8"))
+    return _valid(stored, _CHOICES, [])
 
 
 def _choices_path() -> Path:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -24,9 +23,7 @@ from tests.slow import first
 WHOLE = """
 # mine
 [screen]
-theme = "textual-light"       # at noon
-columns = ["time", "kind", "values"]
-language = "zh"
+language = "zh"               # at noon
 
 [live]
 ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
@@ -41,14 +38,12 @@ gear-ratio = 30
 
 ONLY_X = Settings(port={"x": {}})
 
-names = st.sampled_from(ORDER)
-screens = st.fixed_dictionaries(
-    {},
-    optional={
-        "theme": st.sampled_from(THEMES),
-        "columns": st.lists(names, min_size=1, unique=True).map(tuple),
-        "language": st.sampled_from(["en", "zh"]),
-    },
+choices = st.builds(
+    Choices,
+    st.none() | st.sampled_from(THEMES),
+    st.none() | st.lists(st.sampled_from(ORDER), min_size=1, unique=True).map(tuple),
+    st.none() | st.sampled_from(["en", "zh"]),
+    st.dictionaries(st.text(), st.text()).map(lambda found: tuple(found.items())),
 )
 
 
@@ -65,11 +60,7 @@ def written(file: Path, text: str) -> Path:
 
 def test_all_settings_are_read(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
-    assert settings.screen == {
-        "theme": "textual-light",
-        "columns": ("time", "kind", "values"),
-        "language": "zh",
-    }
+    assert settings.screen == {"language": "zh"}
     ports = ("/dev/ttyUSB0", "/dev/ttyUSB1")
     assert settings.live == {"ports": ports, "zone": LOCAL, "reconnect": False}
     whole = {"baud": 57_600, "resolution": 500, "gear-ratio": 30.0}
@@ -89,11 +80,9 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("[screen]\ntheme = 3\n", "theme in [screen]: '3' is not one of 'textual-dark'"),
-        ('[screen]\ncolums = ["time"]\n', "in [screen]; use one of theme, columns,"),
-        ('[screen]\ncolumns = ["moter"]\n', "columns in [screen]: 'moter' is not one of"),
-        ("[screen]\ncolumns = [[]]\n", "columns in [screen]: "),
-        ('[screen]\ncolumns = "time"\n', "columns in [screen]: 'time' is not a list"),
+        ("[screen]\nlanguage = 3\n", "language in [screen]: '3' is not one of 'en', 'zh'"),
+        ('[screen]\ntheme = "nord"\n', "in [screen]; use one of language"),
+        ('[live]\nports = "a"\n', "ports in [live]: 'a' is not a list"),
         ("screen = 1\n", "screen must be a table"),
         ("port.x = 1\n", "port.x must be a table"),
         ('[port."x"]\nbaud = [1]\n', "baud in [port.x]: "),
@@ -103,7 +92,7 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[port."x"]\ngear-ratio = nan\n', "gear-ratio in [port.x]: nan is not a number"),
         ("[live]\nnetwork = 3\n", "network in [live]: '3' is not a valid boolean"),
         ("[live]\nzone = 8.5\n", "zone in [live]: '8.5' is not a time zone"),
-        ("[colour]\n", "unknown name 'colour'; use one of screen, live, port, filters"),
+        ("[colour]\n", "unknown name 'colour'; use one of screen, live, port"),
     ],
 )
 def test_an_invalid_setting_is_left_out_and_reported(file: Path, text: str, says: str) -> None:
@@ -131,8 +120,8 @@ def test_bytes_that_are_not_utf_8_are_one_line(file: Path, content: bytes) -> No
 
 
 def test_a_byte_order_mark_is_read(file: Path) -> None:
-    written(file, "").write_bytes("\ufeff[screen]\r\ntheme = 'nord'\r\n".encode())
-    assert read_settings(file).screen["theme"] == "nord"
+    written(file, "").write_bytes("\ufeff[screen]\r\nlanguage = 'zh'\r\n".encode())
+    assert read_settings(file).screen["language"] == "zh"
 
 
 @pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "zone =\n"])
@@ -142,22 +131,13 @@ def test_what_is_not_a_settings_file_is_one_line(file: Path, text: str) -> None:
     assert str(file) in trouble
 
 
-@given(written=screens, chosen=screens)
-def test_what_is_chosen_holds_and_the_rest_follows_the_file(
-    tmp_path_factory: pytest.TempPathFactory, written: dict[str, Any], chosen: dict[str, Any]
-) -> None:
+@given(choices)
+def test_what_is_chosen_holds(tmp_path_factory: pytest.TempPathFactory, choices: Choices) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-        settings = Settings(written, filters={"a": "motor = 1"})
-        choices = replace(
-            settings.choices, **chosen, filters=(("a", "motor = 1"), ("b", "rpm > 1"))
-        )
-        settings.keep(choices)
-        assert settings.choices == choices
-        other = Settings({"theme": "nord"}).choices
-        assert dict(other.filters) == {"b": "rpm > 1"}
-        is_own = "theme" in chosen and chosen["theme"] != settings.screen.get("theme")
-        assert other.theme == (choices.theme if is_own else "nord")
+        Settings().keep(choices)
+        assert Settings().choices == choices
+        assert Settings({"language": "zh"}).language() == (choices.language or "zh")
 
 
 @pytest.mark.parametrize(
@@ -170,7 +150,7 @@ def test_invalid_choices_are_ignored(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     (tmp_path / "fte-sniff").mkdir()
     (tmp_path / "fte-sniff/screen.json").write_bytes(content)
-    assert Settings({"theme": "nord"}).choices == Choices(theme="nord")
+    assert Settings().choices == Choices()
 
 
 CLEAN = str(SAMPLES / "clean.mcap")
