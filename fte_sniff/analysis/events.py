@@ -1,7 +1,7 @@
 """Events of trouble, counted by window of time: what `findings` searches for spans.
 
 A window has a power of two of nanoseconds, about a second; in long recordings it is longer
-(`segments.added`). A column has a number for each window:
+(`segments.added`). A column (`COLUMNS`) has numbers for each window:
 
     count   `missed 3`     commands of motor 3 without an answer
     range   `target speed 3`, and of the times of events: the lowest and the highest value
@@ -12,13 +12,15 @@ silent or off target is known only then: `Events` derives these columns from the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
+from string import Formatter
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
+from fte_sniff.analysis.durations import COARSE, bins_of, middles
 from fte_sniff.analysis.relations import (
     ANSWERABLE,
     COMMANDS,
@@ -26,6 +28,7 @@ from fte_sniff.analysis.relations import (
     LATE,
     NAMES_MOTOR,
     AnswerState,
+    feedback_with,
     is_off_target,
     motor_hints,
     values_at,
@@ -33,6 +36,7 @@ from fte_sniff.analysis.relations import (
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of, width_of
 from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
@@ -81,8 +85,44 @@ _OF_PORT: Final = (
 )
 """Port events that are counted."""
 
-COLUMN_OF: Final = {Direction.CONTROL: "commands", Direction.FEEDBACK: "feedback"}
-"""The column of a port with the frames of a direction."""
+
+_KEYS: Final = {
+    "motor": MOTORS,
+    "kind": [kind.name for kind in KINDS],
+    "role": [*map(TranslatableText, VALUES)],
+    "bit": range(8),
+    "fault": Fault,
+    "direction": Direction,
+    "event": _OF_PORT,
+}
+
+
+def named(form: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The columns of a form such as `missed {motor}`, and what they are about."""
+    keys = [key for _, key, *_ in Formatter().parse(form) if key]
+    for values in product(*(_KEYS[key] for key in keys)):
+        names = dict(zip(keys, values, strict=True))
+        yield form.format(**names), names
+
+
+COLUMNS: Final = frozenset(
+    name
+    for form in (
+        *("rows", "rows {motor}", "damaged", "damaged {motor}", "damaged {direction}"),
+        *("fault {fault}", "{direction}", "{event}"),  # these and those above are of a port
+        *("commands {motor}", "asked {motor}", "missed {motor}", "free"),
+        *("timed {motor} {kind}", "late {motor} {kind}"),
+        *("period {kind}", "irregular {kind}"),
+        *("period {motor} {kind}", "irregular {motor} {kind}"),
+        *("feedback", "feedback {motor}", "silent {motor}", "active {motor}"),
+        *("online", "any offline", "lacking {motor}", "offline {motor}"),
+        *("errors {motor}", "flagged {motor}", "raised {motor}", "raised {motor} bit {bit}"),
+        *("target {role} {motor}", "present {role} {motor}", "jump {role} {motor}"),
+        *("held {role} {motor}", "off {role} {motor}"),
+    )
+    for name, _ in named(form)
+)
+"""All columns."""
 
 
 def by_role(role: Role, *, target: bool) -> list[FrameKind]:
@@ -212,7 +252,7 @@ def _count_port(counter: _Counter, rows: Rows, hints: Ints, code: int) -> None:
         counter.add(f"rows {motor}", own[motors == motor], port=port)
         counter.add(f"damaged {motor}", own[is_damaged & (motors == motor)], port=port)
     for number, direction in enumerate(Direction):
-        counter.add(COLUMN_OF[direction], own[directions == number], port=port)
+        counter.add(direction, own[directions == number], port=port)
         counter.add(f"damaged {direction}", own[is_damaged & (directions == number)], port=port)
     for fault in Fault:
         counter.add(f"fault {fault}", own[faults & fault_bits([fault]) != 0], port=port)
@@ -238,31 +278,37 @@ def _count_answers(counter: _Counter, table: Table, index: Ints) -> pl.DataFrame
 
 
 def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
-    kinds, nums, anyone = rows.kinds, rows.nums, np.flatnonzero(FEEDBACK[rows.kinds])
-    online, every = (
-        values_at(rows, NAME_OF_ROLE[one], anyone) for one in (Role.ONLINE, Role.ERRORS)
-    )
-    counter.add("feedback", anyone)
-    counter.add("any offline", anyone[online & _ALL_ONLINE != _ALL_ONLINE])
-    counter.add("free", np.flatnonzero(COMMANDS[kinds] & ~NAMES_MOTOR[kinds]))
+    kinds, nums, feedback = rows.kinds, rows.nums, np.flatnonzero(FEEDBACK[rows.kinds])
+    having, online = feedback_with(rows, Role.ONLINE)
+    with_errors, errors = feedback_with(rows, Role.ERRORS)
+    counter.add("feedback", feedback)
+    counter.add("online", having)
+    counter.add("any offline", having[online & _ALL_ONLINE != _ALL_ONLINE])
     for code, kind in enumerate(KINDS):
         own = np.flatnonzero(kinds == code)
-        for motor in (MOTORS if kind.names_motor else (None,)) if COMMANDS[code] else ():
-            at = own[nums[own] == motor] if motor else own
-            counter.add(f"period {motor} {kind.name}", at)
-            counter.add(f"irregular {motor} {kind.name}", at[irregular(rows.t_ns[at], runs[at])])
+        for motor in (MOTORS if kind.names_motor else ("",)) if COMMANDS[code] else ():
+            at, of = own[nums[own] == motor] if motor else own, f"{motor} {kind.name}".strip()
+            counter.add(f"period {of}", at)
+            counter.add(f"irregular {of}", at[irregular(rows.t_ns[at], runs[at])])
     for motor in MOTORS:
-        mine = nums[anyone] == motor
-        feedback, errors = anyone[mine], every[mine]
-        off = ~online >> motor_bit(motor) & 1
-        raised = running(errors, runs[feedback])
-        counter.add(f"feedback {motor}", feedback)
-        counter.add(f"flagged {motor}", feedback[errors != 0])
-        counter.add(f"lacking {motor}", anyone[off == 1])
-        counter.add(f"offline {motor}", anyone[running(off, runs[anyone])])
-        counter.add(f"raised {motor}", feedback[raised])
+        is_own, off = nums[with_errors] == motor, ~online >> motor_bit(motor) & 1
+        at, flags = with_errors[is_own], errors[is_own]
+        raised = running(flags, runs[at])
+        counter.add(f"feedback {motor}", feedback[nums[feedback] == motor])
+        counter.add(f"lacking {motor}", having[off == 1])
+        counter.add(f"offline {motor}", having[running(off, runs[having])])
+        counter.add(f"errors {motor}", at)
+        counter.add(f"flagged {motor}", at[flags != 0])
+        counter.add(f"raised {motor}", at[raised])
         for bit in range(8):
-            counter.add(f"raised {motor} bit {bit}", feedback[raised & (errors >> bit & 1 == 1)])
+            counter.add(f"raised {motor} bit {bit}", at[raised & (flags >> bit & 1 == 1)])
+    _count_values(counter, rows, runs)
+
+
+def _count_values(counter: _Counter, rows: Rows, runs: Ints) -> None:
+    """Count targets and present values, and the commands to all motors."""
+    kinds, nums = rows.kinds, rows.nums
+    counter.add("free", np.flatnonzero(COMMANDS[kinds] & ~NAMES_MOTOR[kinds]))
     for motor, role, is_target in product(MOTORS, VALUES, (True, False)):
         for kind in by_role(role, target=is_target):
             at = np.flatnonzero((nums == motor) & (kinds == KINDS.index(kind)))
@@ -270,6 +316,21 @@ def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
             counter.add(f"{'target' if is_target else 'present'} {role} {motor}", at, values)
             if not is_target:
                 counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])
+
+
+def off_target(rows: Rows, runs: Ints) -> set[int]:
+    """The motors that are off a target in the last window that is over."""
+    timed = np.flatnonzero(rows.timed)
+    counter = _Counter(rows.t_ns[timed], np.ones(len(timed), np.bool_))
+    _count_values(counter, rows.select(timed), runs[timed])
+    windows = Windows(counter.frame(), 1 << SHIFT)
+    for motor, role in product(MOTORS, VALUES):
+        _derive_off_target(windows, motor, role)
+    return {
+        names["motor"]
+        for name, names in named("off {role} {motor}")
+        if windows[name].events[-2:-1].any()
+    }
 
 
 def since(counts: Counts, t_ns: int) -> dict[str, pl.DataFrame]:
@@ -289,33 +350,31 @@ class EventCounts(NamedTuple):
     high: Ints
 
 
-class Windows:
+_NO_EVENTS: Final = (0, 2**63 - 1, -(2**63))
+"""The number and the range of a window without an event."""
+
+
+class Windows(dict[str, EventCounts]):
     """The columns of a port, or of all motors, as arrays over the windows in which rows are."""
 
-    def __init__(self, columns: pl.DataFrame, starts_ns: Ints, width_ns: int) -> None:
-        self.starts_ns = starts_ns
+    def __init__(self, columns: pl.DataFrame, width_ns: int, starts_ns: Ints | None = None) -> None:
+        """The columns of a frame; by default the windows are those of the frame."""
+        own_ns = columns["window"].unique().sort().to_numpy()
+        self.starts_ns = own_ns if starts_ns is None else starts_ns
         """The start of each window, rising."""
         self.width_ns = width_ns
-        self._frames = columns.partition_by("name", as_dict=True, include_key=False)
-        self._made = dict[str, EventCounts]()
+        for (name,), own in columns.partition_by("name", as_dict=True).items():
+            at = np.searchsorted(self.starts_ns[1:], own["window"].to_numpy(), "right")
+            self[name] = found = self[name]
+            np.add.at(found.events, at, own["sum count"].to_numpy())
+            np.minimum.at(found.low, at, own["least low"].to_numpy())
+            np.maximum.at(found.high, at, own["greatest high"].to_numpy())
 
-    def __len__(self) -> int:
-        return len(self.starts_ns)
-
-    def __getitem__(self, name: str) -> EventCounts:
-        """A column; without an event its range is the other way round."""
-        if name not in self._made:
-            found = EventCounts(*(np.full(len(self), one) for one in (0, 2**63 - 1, -(2**63))))
-            if (own := self._frames.get((name,))) is not None and len(self):
-                at = np.searchsorted(self.starts_ns[1:], own["window"].to_numpy(), "right")
-                np.add.at(found.events, at, own["sum count"].to_numpy())
-                np.minimum.at(found.low, at, own["least low"].to_numpy())
-                np.maximum.at(found.high, at, own["greatest high"].to_numpy())
-            self._made[name] = found
-        return self._made[name]
-
-    def __setitem__(self, name: str, counts: EventCounts) -> None:
-        self._made[name] = counts
+    def __missing__(self, name: str) -> EventCounts:
+        """A column without events; raises KeyError if it is not one of `COLUMNS`."""
+        if name not in COLUMNS:
+            raise KeyError(name)
+        return EventCounts(*(np.full(len(self.starts_ns), one) for one in _NO_EVENTS))
 
     def total(self, name: str) -> int:
         """The number of events of a column."""
@@ -332,14 +391,11 @@ class Events:
         width_ns = 1 << max(SHIFT, width_of(starts))
         self.usual, late = _late(counts["delays"])
         """By motor and kind of command, the median answer time, nanoseconds."""
-        own = pl.concat([chosen(columns, port="").drop("port"), late])
-        self.windows = Windows(own, starts, width_ns)
+        by_port = columns.partition_by("port", as_dict=True, include_key=False)
+        own = by_port.pop(("",), columns.drop("port").clear())
+        self.windows = Windows(pl.concat([own, late]), width_ns, starts)
         """What is about motors."""
-        self.ports = {
-            port: Windows(chosen(columns, port=port).drop("port"), starts, width_ns)
-            for port in columns["port"].unique(maintain_order=True)
-            if port
-        }
+        self.ports = {port: Windows(of, width_ns, starts) for (port,), of in by_port.items()}
         """What is about each port."""
         for motor in MOTORS:
             _derive_silences(self.windows, motor)

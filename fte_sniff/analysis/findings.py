@@ -12,24 +12,22 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import product
 from math import inf, log
-from string import Formatter
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 
 from fte_sniff.analysis.events import (
-    COLUMN_OF,
     LATE_RATIO,
     LATE_SHARE,
     RUNNING,
-    VALUES,
+    EventCounts,
     Events,
     Windows,
     by_role,
     is_more,
+    named,
 )
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import DEADLINE_NS, LATE
@@ -40,7 +38,6 @@ from fte_sniff.i18n import later
 from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import (
-    KINDS,
     MOTORS,
     SUSPECT_FAULTS,
     Direction,
@@ -147,7 +144,7 @@ _Values = Mapping[str, object]
 
 
 class _Case(NamedTuple):
-    """Two columns, in whose names `{motor}`, `{kind}` or `{role}` stand for each of them."""
+    """Two columns of `events.COLUMNS`, for each motor, kind or role in `{}`."""
 
     cause: Cause
     events: str
@@ -164,8 +161,6 @@ class _Case(NamedTuple):
     """Share of events outside of spans from which on all of them are a finding."""
     sure: int = 0
     """Events that are a finding wherever they are; 0 if their frequency decides."""
-    pause_ns: int = 10_000_000_000
-    """Pause between sure events from which on they are of several spans."""
     senders: Direction = Direction.CONTROL
     """The direction of the frames whose port is named."""
     of_port: bool = False
@@ -181,26 +176,15 @@ class _Series(NamedTuple):
     case: _Case
     all: Events
     windows: Windows
-    names: Mapping[str, Any]
     port: str | None
-
-    def column(self, name: str) -> str:
-        """The name of a column, in which names of the case stand for its own."""
-        return name.format(**self.names)
-
-    @property
-    def counted(self) -> tuple[Ints, Ints, Ints]:
-        """By window the events, and their first and last time."""
-        return self.windows[self.column(self.case.events)]
-
-    @property
-    def rows(self) -> Ints:
-        """By window the rows that could have been events."""
-        return self.windows[self.column(self.case.rows)].events
+    names: Mapping[str, Any]
+    counted: EventCounts
+    rows: Ints
+    """By window the rows that could have been events."""
 
     def events_in(self, name: str, own: slice) -> int:
         """The events of another column in some windows."""
-        return int(self.windows[self.column(name)].events[own].sum())
+        return int(self.windows[name.format(**self.names)].events[own].sum())
 
     @property
     def topic(self) -> tuple[str, str | None, str | None]:
@@ -210,7 +194,15 @@ class _Series(NamedTuple):
     @property
     def total(self) -> tuple[int, int]:
         """All events and rows."""
-        return int(self.counted[0].sum()), int(self.rows.sum())
+        return int(self.counted.events.sum()), int(self.rows.sum())
+
+
+def _series_of(
+    case: _Case, events: Events, windows: Windows, port: str | None = None
+) -> Iterator[_Series]:
+    for column, names in named(case.events):
+        rows = windows[case.rows.format(**names)].events
+        yield _Series(case, events, windows, port, names, windows[column], rows)
 
 
 def _damage(series: _Series, own: slice) -> _Values:
@@ -225,9 +217,7 @@ def _damage(series: _Series, own: slice) -> _Values:
 
 def _unanswered(series: _Series, own: slice) -> _Values:
     found = dict[str, object]()
-    if series.events_in("missed {motor}", own) == series.windows.total(
-        series.column("asked {motor}")
-    ):
+    if series.events_in("missed {motor}", own) == series.total[1]:
         found["form"] = later(
             "motor {motor} answered none of {rows} commands; other motors answered"
         )
@@ -252,9 +242,9 @@ def _online_bit(series: _Series, _own: slice) -> _Values:
 
 
 def _silence(series: _Series, own: slice) -> _Values:
-    (inside, low, high), windows = (one[own] for one in series.counted), series.windows
+    inside, low, high = (one[own] for one in series.counted)
     is_whole = inside.sum() == series.rows[own].sum()
-    ns = int(high.max() - low.min()) if is_whole else int(inside.sum()) * windows.width_ns
+    ns = int(high.max() - low.min()) if is_whole else int(inside.sum()) * series.windows.width_ns
     return {"seconds": f"{ns / 1e9:.0f}"}
 
 
@@ -268,6 +258,11 @@ _PORT_EVENTS: Final = {
 
 _FEEDBACK: Final = Direction.FEEDBACK
 
+_DAMAGED: Final = later("{events} of {rows} rows are damaged; {usual}; mostly {what}")
+_IRREGULAR: Final = later(
+    "{events} of {rows} periods of {kind} commands differ from the one before; {usual}"
+)
+
 _CASES: Final = (
     *(
         _Case(
@@ -275,22 +270,19 @@ _CASES: Final = (
             "line_error" if kind is PortEventKind.LINE_ERROR else "",
             lambda series, _own: {"meaning": _PORT_EVENTS[PortEventKind(series.case.events)]},
             sure=3 if kind is PortEventKind.LINE_ERROR else 1,  # a few may come from a plug
-            pause_ns=60_000_000_000,
             of_port=True,
         )
         for kind in _PORT_EVENTS
     ),
     _Case(
-        *(Cause.DAMAGE, "damaged", "rows"),
-        later("{events} of {rows} rows are damaged; {usual}; mostly {what}"),
+        *(Cause.DAMAGE, "damaged", "rows", _DAMAGED),
         "malformed",
         _damage,
         whole_share=0.05,  # a sound line has none
         of_port=True,
     ),
     _Case(
-        *(Cause.DAMAGE, "damaged {motor}", "rows {motor}"),
-        later("motor {motor}: {events} of {rows} rows are damaged; {usual}; mostly {what}"),
+        *(Cause.DAMAGE, "damaged {motor}", "rows {motor}", _DAMAGED),
         "malformed AND motor_hint = {motor}",
         _damage,
         of_port=True,
@@ -326,7 +318,7 @@ _CASES: Final = (
         ),
     ),
     _Case(
-        *(Cause.ERROR_FLAG, "raised {motor}", "feedback {motor}"),
+        *(Cause.ERROR_FLAG, "raised {motor}", "errors {motor}"),
         later("motor {motor} reported ERROR {bits} in {events} of {rows} frames; {usual}"),
         "motor = {motor} AND error != 0",
         _error_bits,
@@ -334,7 +326,7 @@ _CASES: Final = (
         senders=_FEEDBACK,
     ),
     _Case(
-        *(Cause.OFFLINE, "offline {motor}", "feedback"),
+        *(Cause.OFFLINE, "offline {motor}", "online"),
         later("{bit} was 0 in {events} of {rows} frames; {usual}"),
         "online & {mask} = 0",
         _online_bit,
@@ -368,18 +360,13 @@ _CASES: Final = (
         senders=_FEEDBACK,
     ),
     _Case(
-        *(Cause.IRREGULAR_COMMANDS, "irregular None {kind}", "period None {kind}"),
-        later("{events} of {rows} periods of {kind} commands differ from the one before; {usual}"),
+        *(Cause.IRREGULAR_COMMANDS, "irregular {kind}", "period {kind}", _IRREGULAR),
         "kind = '{kind}'",
         least_share=0.1,
     ),
     _Case(
         *(Cause.IRREGULAR_COMMANDS, "irregular {motor} {kind}", "period {motor} {kind}"),
-        later(
-            "motor {motor}: {events} of {rows} periods of {kind} commands differ from the one"
-            " before; {usual}"
-        ),
-        "kind = '{kind}' AND motor = {motor}",
+        *(_IRREGULAR, "kind = '{kind}' AND motor = {motor}"),
         least_share=0.1,
     ),
 )
@@ -394,23 +381,16 @@ _SLOWER: Final = _Case(
 
 # The search
 
-_NAMES: Final = {
-    "motor": MOTORS,
-    "kind": [kind.name for kind in KINDS],
-    "role": [*map(TranslatableText, VALUES)],
-}
+_PAUSE_NS: Final = 60_000_000_000
+"""Pause between sure events from which on they are of several spans."""
 
 
 def _series(events: Events) -> Iterator[_Series]:
     """The events of all cases, where there are rows that could have been some."""
     for case in _CASES:
-        keys = [key for _, key, *_ in Formatter().parse(case.events) if key]
-        for port in events.ports if case.of_port else (None,):
-            windows = events.windows if port is None else events.ports[port]
-            for values in product(*(_NAMES[key] for key in keys)):
-                one = _Series(case, events, windows, dict(zip(keys, values, strict=True)), port)
-                if one.rows.any():
-                    yield one
+        places = events.ports.items() if case.of_port else ((None, events.windows),)
+        for port, windows in places:
+            yield from (one for one in _series_of(case, events, windows, port) if one.rows.any())
 
 
 def _sure_spans(series: _Series) -> Iterator[BadSpan]:
@@ -419,7 +399,7 @@ def _sure_spans(series: _Series) -> Iterator[BadSpan]:
     hits = np.flatnonzero(counts)
     pauses = low[hits[1:]] - high[hits[:-1]]
     longest = np.argsort(-pauses, kind="stable")[: MOST_SPANS - 1]
-    cuts = np.sort(longest[pauses[longest] > series.case.pause_ns]) + 1
+    cuts = np.sort(longest[pauses[longest] > _PAUSE_NS]) + 1
     for own in np.split(hits, cuts) if len(hits) else ():
         events = int(counts[own].sum())
         if events >= series.case.sure:
@@ -463,7 +443,10 @@ def _finding(series: _Series, own: slice, usual: float | None, score: float) -> 
         "filter": case.filter,
         **case.values(series, own),
     }
-    shown = str(values.pop("filter")).format(**values)
+    shown, form = (str(values.pop(name)) for name in ("filter", "form"))
+    shown, text = shown.format(**values), TranslatableText(form, **values)
+    if "motor" in names and form in (_DAMAGED, _IRREGULAR):
+        text = TranslatableText("motor {motor}: {text}", motor=names["motor"], text=text)
     if series.port and len(series.all.ports) > 1:
         shown = f"{shown} AND port = {quoted(series.port)}".removeprefix(" AND ")
     kind = names.get("kind")
@@ -472,8 +455,7 @@ def _finding(series: _Series, own: slice, usual: float | None, score: float) -> 
     return Finding(
         *(case.cause, series.port or _port_of(series), names.get("motor"), kind, *ends),
         *(events, rows, round(usual or 0.0, 6)),
-        TranslatableText(str(values.pop("form")), **values),
-        *(shown, score),
+        *(text, shown, score),
     )
 
 
@@ -490,7 +472,7 @@ def _usually(share: float | None) -> TranslatableText:
 
 def _port_of(series: _Series) -> str:
     """The only port with frames of the direction in which the cause is; empty if there is none."""
-    column, ports = COLUMN_OF[series.case.senders], series.all.ports
+    ports, column = series.all.ports, str(series.case.senders)
     found = [port for port, windows in ports.items() if windows.total(column)]
     return found[0] if len(found) == 1 else ""
 
@@ -505,7 +487,8 @@ def _slower(events: Events) -> Iterator[Finding]:
         others = max(medians, default=inf)
         texts = {"own": f"{own / 1e6:.2g}", "others": f"{others / 1e6:.2g}"}
         names = {"motor": motor, "kind": kind, "limit": f"{UNLIKE * others / 1e6:.3g}", **texts}
-        series = _Series(_SLOWER, events, events.windows, names, None)
+        timed = events.windows[f"timed {motor} {kind}"]
+        series = _Series(_SLOWER, events, events.windows, None, names, timed, timed.events)
         is_slower = own >= max(UNLIKE * others, others + _LEAST_SLOWER_NS)
         if is_slower and series.total[1] >= _LEAST_EVENTS:
             yield _finding(series, slice(None), 0.0, float(series.total[1]))
@@ -548,21 +531,22 @@ class Report:
 
     def coverage(self) -> list[TranslatableText]:
         """What was examined and counted, where nothing was found; what could not be, and why."""
-        missing, texts = self.not_covered, list[TranslatableText]()
-        covered = [cause for cause in Cause if cause not in missing]
+        texts = list[TranslatableText]()
+        covered = [cause for cause in Cause if cause not in self.not_covered]
         if not covered:
-            why = next(iter(missing.values()))
+            why = next(iter(self.not_covered.values()))
             return [TranslatableText("nothing could be examined: {why}", why=why)]
         if not self.found:
             text = "no findings in {rows:,} rows; examined: {causes}"
-            texts.append(
-                TranslatableText(
-                    text,
-                    rows=self.extent["sum rows"],
-                    causes=listed(map(TranslatableText, covered)),
-                )
-            )
-            texts += self._not_findings()
+            causes = listed(map(TranslatableText, covered))
+            texts.append(TranslatableText(text, rows=self.extent["sum rows"], causes=causes))
+            counts = [
+                TranslatableText(_COUNTED[cause][1], count=count)
+                for cause, count in self.counts.items()
+                if count
+            ]
+            text = "counted, but not concentrated at any time: {counts}"
+            texts += [TranslatableText(text, counts=listed(counts))] if counts else []
         for causes, why in self.reasons():
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))
         return texts
@@ -573,58 +557,37 @@ class Report:
             causes = [one for one, text in self.not_covered.items() if text == why]
             yield listed(map(TranslatableText, causes)), why
 
-    def _not_findings(self) -> Iterator[TranslatableText]:
-        """What is counted, although it makes no finding."""
-        counts = [
-            TranslatableText(_COUNTED_AS[cause], count=count)
-            for cause, count in self.counts.items()
-            if count
-        ]
-        if counts:
-            text = "counted, but not concentrated at any time: {counts}"
-            yield TranslatableText(text, counts=listed(counts))
 
-
-_COUNTED_AS: Final = {
-    Cause.DAMAGE: later("malformed rows {count:,}"),
-    Cause.ERROR_FLAG: later("frames with an ERROR flag {count:,}"),
-    Cause.OFFLINE: later("frames that lack a bit of ONLINE {count:,}"),
-    Cause.UNANSWERED: later("commands without an answer {count:,}"),
+_COUNTED: Final = {
+    Cause.DAMAGE: ("damaged", later("malformed rows {count:,}")),
+    Cause.ERROR_FLAG: ("flagged {motor}", later("frames with an ERROR flag {count:,}")),
+    Cause.OFFLINE: ("any offline", later("frames that lack a bit of ONLINE {count:,}")),
+    Cause.UNANSWERED: ("missed {motor}", later("commands without an answer {count:,}")),
 }
+"""The columns of rows that bear an event alone."""
 
 
 def find(counts: Counts) -> Report:
     """Look for the spans in which something is wrong, in what `events.counted` counted."""
     events = Events(counts)
-    extent, why = events.extent, TranslatableText("")
-    if not extent["sum rows"]:
-        why = TranslatableText("the input has no rows")
-    elif not extent["sum frames"]:
-        why = TranslatableText("no row is a frame; is the baud rate right?")
-    elif not extent["sum timed"]:
-        why = TranslatableText("no row has a time; try --start")
-    if why:
-        return Report([], extent, dict.fromkeys(Cause, why), {})
-    missing, series = _uncovered(events), [*_series(events)]
+    missing = _uncovered(events)
+    if len(missing) == len(Cause):
+        return Report([], events.extent, missing, {})
+    series = [*_series(events)]
     found = [
         *_lost_ports(events),
         *(finding for one in series for finding in _examined(one)),
         *_slower(events),
         *_more(series),
     ]
-    found = [one for one in found if one.cause not in missing]
-    return Report(ranked(found), extent, missing, _counts(events, missing))
-
-
-def _counts(events: Events, missing: Mapping[Cause, object]) -> dict[Cause, int]:
-    total = events.windows.total
-    found = {
-        Cause.DAMAGE: sum(one.total("damaged") for one in events.ports.values()),
-        Cause.ERROR_FLAG: sum(total(f"flagged {one}") for one in MOTORS),
-        Cause.OFFLINE: total("any offline"),
-        Cause.UNANSWERED: sum(total(f"missed {one}") for one in MOTORS),
+    every = (events.windows, *events.ports.values())
+    totals = {
+        cause: sum(windows.total(name) for windows in every for name, _ in named(form))
+        for cause, (form, _) in _COUNTED.items()
+        if cause not in missing
     }
-    return {cause: count for cause, count in found.items() if cause not in missing}
+    found = [one for one in found if one.cause not in missing]
+    return Report(ranked(found), events.extent, missing, totals)
 
 
 def hidden_text(filters: Iterable[str]) -> TranslatableText:
@@ -635,29 +598,35 @@ def hidden_text(filters: Iterable[str]) -> TranslatableText:
     )
 
 
+_FLAGS: Final = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
+_OF_ANSWERS: Final = (
+    *(Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET, Cause.UNLIKE_OTHERS),
+)
+
+
 def _uncovered(events: Events) -> dict[Cause, TranslatableText]:
     """The causes that cannot be examined, and why."""
-    if events.hidden_by:
-        others = [one for one in Cause if one is not Cause.PORT]
-        return dict.fromkeys(others, hidden_text(events.hidden_by))
-    has_feedback, missing = events.windows.total("feedback"), dict[Cause, TranslatableText]()
-    at_once = sum(one["commands"].events > 0 for one in events.ports.values())
-    if not any(events.windows.total(f"commands {motor}") for motor in MOTORS):
-        why = TranslatableText("no command awaits an answer")
-        missing[Cause.IRREGULAR_COMMANDS] = TranslatableText("commands are missing")
-    elif not has_feedback:
-        why = TranslatableText("feedback is missing: only one wire was recorded")
-    elif np.any(at_once > 1):
-        why = TranslatableText(
-            "several ports had commands at the same time: which one feedback answers is not known"
-        )
-    else:
-        return missing
-    answers = (Cause.UNANSWERED, Cause.LATE, Cause.SILENCE, Cause.OFF_TARGET, Cause.UNLIKE_OTHERS)
-    missing |= dict.fromkeys(answers, why)
-    if not has_feedback:
-        flags = (Cause.ERROR_FLAG, Cause.OFFLINE, Cause.JUMP)
-        missing |= dict.fromkeys(flags, TranslatableText("feedback is missing"))
+    of, total, text = events.extent, events.windows.total, TranslatableText
+    asked, answered = any(total(f"commands {one}") for one in MOTORS), total("feedback")
+    at_once = sum(one["control"].events > 0 for one in events.ports.values())
+    several = text(
+        "several ports had commands at the same time: which one feedback answers is not known"
+    )
+    reasons: Sequence[tuple[object, Iterable[Cause], TranslatableText]] = (
+        (not of["sum rows"], Cause, text("the input has no rows")),
+        (not of["sum frames"], Cause, text("no row is a frame; is the baud rate right?")),
+        (not of["sum timed"], Cause, text("no row has a time; try --start")),
+        (events.hidden_by, [*Cause][1:], hidden_text(events.hidden_by)),
+        (not asked, (Cause.IRREGULAR_COMMANDS,), text("commands are missing")),
+        (not asked, _OF_ANSWERS, text("no command awaits an answer")),
+        (not answered, _OF_ANSWERS, text("feedback is missing: only one wire was recorded")),
+        (np.any(at_once > 1), _OF_ANSWERS, several),
+        (not answered, _FLAGS, text("feedback is missing")),
+    )
+    missing = dict[Cause, TranslatableText]()
+    for holds, causes, why in reasons:
+        for cause in causes if holds else ():
+            missing.setdefault(cause, why)
     return missing
 
 

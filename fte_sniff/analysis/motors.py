@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.events import is_more
+from fte_sniff.analysis.events import is_more, off_target
 from fte_sniff.analysis.relations import (
     ANSWERABLE,
     COMMANDS,
@@ -27,8 +27,7 @@ from fte_sniff.analysis.relations import (
     AnswerState,
     Runs,
     answers,
-    is_off_target,
-    values_at,
+    feedback_with,
     with_late,
 )
 from fte_sniff.errors import TranslatableText
@@ -37,9 +36,6 @@ from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, FrameKind, Role
 
 HEALTH_NS: Final = 10_000_000_000
 """Time over which a motor's answers, damage and flags are judged."""
-
-SETTLING_NS: Final = 3_000_000_000
-"""Time in which a motor may move to a target."""
 
 TROUBLED: Final = 0.02
 """Share of a motor's commands without an answer, or of its rows that are damaged, at most."""
@@ -98,16 +94,19 @@ def motors_at(rows: Rows, runs: Runs) -> list[MotorState]:
     found = found.with_columns(
         recent=pl.Series(is_recent[found["command"].to_numpy()], dtype=pl.Boolean)
     )
-    return [_state(rows, found, motor, is_recent) for motor in MOTORS]
+    off = off_target(rows.select(is_recent), runs["number"][is_recent])
+    return [_state(rows, found, motor, is_recent, motor in off) for motor in MOTORS]
 
 
-def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> MotorState:
-    now_ns, kinds, own = int(rows.t_ns.max(initial=NO_TIME)), rows.kinds, rows.nums == motor
+def _state(
+    rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools, is_off: bool
+) -> MotorState:
+    kinds, own = rows.kinds, rows.nums == motor
     commands = np.flatnonzero(COMMANDS[kinds] & (own | ~NAMES_MOTOR[kinds]))
-    anyone = np.flatnonzero(FEEDBACK[kinds])
-    feedback = anyone[own[anyone]]
-    online = values_at(rows, NAME_OF_ROLE[Role.ONLINE], anyone[-1:]) >> motor_bit(motor) & 1
-    errors = int(values_at(rows, NAME_OF_ROLE[Role.ERRORS], feedback[-1:]).sum())
+    feedback = np.flatnonzero(FEEDBACK[kinds] & own)
+    _, online = feedback_with(rows, Role.ONLINE)
+    at, errors = feedback_with(rows, Role.ERRORS)
+    error = int(errors[own[at]][-1:].sum())
     recent = found.filter(pl.col("motor") == motor, "recent")
     answered = int((recent["state"] == AnswerState.ANSWERED).sum())
     unanswered = int((recent["state"] == AnswerState.UNANSWERED).sum())
@@ -116,12 +115,12 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
     troubles = {
         Trouble.UNKNOWN: not asked and not received,
         Trouble.SILENT: unanswered > 0 and not received,
-        Trouble.OFFLINE: not online.all(),
-        Trouble.ERROR: errors > 0,
+        Trouble.OFFLINE: not (online[-1:] >> motor_bit(motor) & 1).all(),
+        Trouble.ERROR: error > 0,
         Trouble.UNANSWERED: unanswered > TROUBLED * asked,
         Trouble.DAMAGE: damaged > TROUBLED * (received + asked),
         Trouble.LATE: _is_late(found, motor),
-        Trouble.OFF_TARGET: _is_off_target(rows, commands, feedback, now_ns),
+        Trouble.OFF_TARGET: is_off,
     }
     trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)
     return MotorState(
@@ -136,7 +135,7 @@ def _state(rows: Rows, found: pl.DataFrame, motor: int, is_recent: Bools) -> Mot
         unanswered=unanswered,
         delay_p99_ns=recent["delay_ns"].quantile(0.99, "equiprobable"),
         trouble=trouble,
-        text=f"ERROR {errors:02X}" if trouble is Trouble.ERROR else TranslatableText(trouble.value),
+        text=f"ERROR {error:02X}" if trouble is Trouble.ERROR else TranslatableText(trouble.value),
     )
 
 
@@ -150,26 +149,6 @@ def _is_late(found: pl.DataFrame, motor: int) -> bool:
     others = [value for (of, recent), value in own.items() if recent and of != motor]
     most = max(others, key=lambda one: one[0] / one[1], default=None)
     return any(is_more(now, one) for one in (before, most) if one is not None)
-
-
-def _is_off_target(rows: Rows, commands: Ints, feedback: Ints, now_ns: int) -> bool:
-    """Whether all feedback of the last second is outside of the targets of the last three."""
-    kinds = rows.kinds
-    sent = commands[(rows.t_ns[commands] > now_ns - SETTLING_NS) & (now_ns != NO_TIME)]
-    came = feedback[rows.t_ns[feedback] > now_ns - 10**9]
-    for role in (Role.SPEED, Role.POSITION):
-        name = NAME_OF_ROLE[role]
-        codes = [code for code, kind in enumerate(KINDS) if kind.subject == name]
-        targets = values_at(rows, name, sent)
-        present = values_at(rows, name, came[np.isin(kinds[came], codes)])
-        # Another kind of command, or none a while ago, sets no target of this role.
-        if len(present) and len(sent) > 1 and np.isin(kinds[sent], codes).all():
-            if now_ns - int(rows.t_ns[sent[0]]) < SETTLING_NS // 2:
-                continue
-            ends = [(one.min(), one.max()) for one in (present, targets)]
-            if is_off_target(ends[0], ends[1], role):
-                return True
-    return False
 
 
 def _reading(rows: Rows, at: Ints) -> Reading | None:

@@ -43,6 +43,7 @@ from fte_sniff.protocol.spec import (
     HEADERS,
     KINDS,
     MOTORS,
+    NAME_OF_ROLE,
     NUM_OFFSET,
     TAIL,
     Direction,
@@ -76,6 +77,13 @@ ANSWERABLE: Final = np.unique(
 def values_at(rows: Rows, name: str, at: Ints) -> Ints:
     """A field of the rows at some indices; 0 where they do not have it."""
     return field_of(rows.raw[at], rows.kinds[at], name)[0].astype(np.int64)
+
+
+def feedback_with(rows: Rows, role: Role) -> tuple[Ints, Ints]:
+    """The indices of the feedback with a field of a role, and its values."""
+    at = np.flatnonzero(FEEDBACK[rows.kinds])
+    values, known = field_of(rows.raw[at], rows.kinds[at], NAME_OF_ROLE[role])
+    return at[known], values[known].astype(np.int64)
 
 
 # Runs

@@ -18,7 +18,6 @@ The rows are columns in blocks; those above ten million are in a memory-mapped t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import takewhile
 from tempfile import TemporaryFile
 from typing import Final
@@ -28,7 +27,7 @@ import numpy as np
 from fte_sniff.analysis.relations import RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
-from fte_sniff.protocol.items import BaudChange, Change, Gap, PortEvent
+from fte_sniff.protocol.items import Change, Gap
 from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
@@ -36,15 +35,6 @@ MEMORY_ROWS: Final = 10_000_000
 """Rows that are in memory; later blocks are in a file."""
 STEP_ROWS: Final = 1 << 17
 """Rows that `Matches.extend` tests at once: a few hundredths of a second."""
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """What happened between two rows."""
-
-    index: int
-    """Of the first row after it."""
-    what: Gap | PortEvent | BaudChange
 
 
 class RowStore:
@@ -56,7 +46,7 @@ class RowStore:
         self._segments = Segments(most=1)
         self.ports: tuple[str, ...] = ()
         """The ports so far."""
-        self.marks = list[Mark]()
+        self.marks = list[Change]()
         """Gaps, port events and baud changes, in their order."""
         self._starts, self._runs = np.zeros(1, np.int64), np.zeros(1, RUN)
         """The first index of each run, and the run."""
@@ -70,7 +60,7 @@ class RowStore:
         if isinstance(item, Rows):
             self._add(item)
         else:
-            self.marks.append(Mark(self.next, item))
+            self.marks.append(Change(self.next, item))
         for table in self._segments.push(item):
             self._complete(table)
 

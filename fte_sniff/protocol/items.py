@@ -153,8 +153,8 @@ class BaudChange:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A gap or a change of speed between two rows."""
+    """A gap, a change of speed, or what happened at a port between two rows."""
 
     index: int
     """Of the first row after it, among the rows that it is reported with."""
-    what: Gap | BaudChange
+    what: Gap | BaudChange | PortEvent

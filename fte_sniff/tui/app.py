@@ -25,7 +25,7 @@ from textual.widgets import Footer, Input
 
 from fte_sniff.analysis.feed import Feed, FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
-from fte_sniff.analysis.motors import MotorState, Trouble
+from fte_sniff.analysis.motors import MotorState
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
@@ -120,7 +120,6 @@ class SniffApp(App[None]):
         self._draw_due_ns = self._search_due_ns = 0
         self._span = Span(0, 0, None, None)
         self._states: Sequence[MotorState] = ()
-        self._since: dict[int, tuple[Trouble, int]] = {}
         self._searched, self._examiner = -1, Examiner(self.view.store)
         self._recording_since_ns: int | None = None
         self._reported = set[tuple[Cause, str, int | None]]()
@@ -653,20 +652,14 @@ class SniffApp(App[None]):
         self._draw_due_ns = now_ns + pause_ns
 
     def _times_of_trouble(self) -> dict[int, int]:
-        """By motor, since when it is in trouble, where that is known."""
-        finding, now_ns = self.view.finding, self._span.now_ns
-        if finding is not None:
-            return {finding.motor: finding.first_ns} if finding.motor else {}
-        if not self.table.viewport.following or not self.view.lives or now_ns is None:
-            return {}
-        for one in self._states:
-            if one.motor not in self._since or self._since[one.motor][0] is not one.trouble:
-                self._since[one.motor] = one.trouble, now_ns
-        return {
-            motor: t_ns
-            for motor, (trouble, t_ns) in self._since.items()
-            if trouble not in (Trouble.NONE, Trouble.UNKNOWN)
-        }
+        """By motor, the start of the finding that is chosen, or of the first that goes on."""
+        chosen, now_ns, found = self.view.finding, self._span.now_ns, list[Finding]()
+        if chosen is not None:
+            found = [chosen]
+        elif self.table.viewport.following and self.view.lives and now_ns is not None:
+            found = [one for one in self.findings.listed if one.last_ns > now_ns - OVER_NS]
+        latest = sorted(found, key=lambda one: -one.first_ns)
+        return {one.motor: one.first_ns for one in latest if one.motor}
 
     def _page_context(self) -> Context:
         table = self.table

@@ -44,6 +44,14 @@ def polled(
     return sorted(found, key=lambda row: row.t_ns or 0)
 
 
+def talk_with_feedback_without_flags(seconds: int) -> list[Row]:
+    """Commands and answers, and behind each answer four frames without a field."""
+    rows = polled(20 * seconds)
+    for number in range(20 * seconds):
+        rows += [frame("reset", number * 50 + 45 + by) for by in range(4)]
+    return sorted(rows, key=lambda row: row.t_ns or 0)
+
+
 def table_of(items: Sequence[Row | Item]) -> Table:
     """One table of rows and what is between them."""
     cutter = Segments(most=2**62)

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import pytest
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.relations import COMMANDS, FEEDBACK
 from fte_sniff.protocol.rows import MOST_BYTES, Row, fault_bits, faults_in
 from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Fault
+
+
+@pytest.fixture
+def feedback_without_flags() -> Iterator[None]:
+    """A frame table in which `reset`, which has no field, is feedback."""
+    code = [kind.name for kind in KINDS].index("reset")
+    for name, of in (("feedback", FEEDBACK), ("command", COMMANDS)):
+        of[code] = name == "feedback"
+    yield
+    FEEDBACK[code], COMMANDS[code] = False, True
+
 
 PORTS = st.sampled_from(["/dev/ttyUSB0", "COM3", "日志.hex"]) | st.text(max_size=5)
 OFFSETS = st.integers(0, 2**62)

@@ -125,6 +125,19 @@ def test_a_finding_about_most_motors_leaves_the_others_as_they_are() -> None:
     }
 
 
+@pytest.mark.usefixtures("feedback_without_flags")
+def test_feedback_without_online_takes_no_motor_offline() -> None:
+    assert report(Rows.of(some.talk_with_feedback_without_flags(60))).found == []
+
+
+def test_unknown_column_is_an_error() -> None:
+    found = events.Events(events.counted(table_of([some.frame("speed", 0)])))
+    assert found.windows.total("commands 1") == 1
+    assert found.windows.total("late 4 position") == 0
+    with pytest.raises(KeyError, match="late position 4"):
+        found.windows.total("late position 4")
+
+
 def test_flags_that_come_again_and_again_are_few_findings_with_all_of_them() -> None:
     rows = polled(1200, lambda n, motor: {"error": 2 if motor == 1 and n % 1200 < 5 else 0})
     found = find(rows)
@@ -227,7 +240,7 @@ def test_windows_of_a_long_recording_are_merged(monkeypatch: pytest.MonkeyPatch)
     found = summed(map(events.counted, tables_of(rows)))
     assert 10_000 < len(found["windows"]) <= 20_000
     assert len(found["delays"]) <= 20_000
-    assert len(events.Events(found).windows) < 400
+    assert len(events.Events(found).windows.starts_ns) < 400
     assert is_found(find_counted(found).found, what)
 
 

@@ -9,7 +9,16 @@ from fte_sniff.analysis.motors import MotorState, Trouble, motors_at
 from fte_sniff.analysis.plots import envelope, motor_values
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, Direction
-from tests.analysis.captures import MS, SECOND, START, damage, frame, polled, table_of
+from tests.analysis.captures import (
+    MS,
+    SECOND,
+    START,
+    damage,
+    frame,
+    polled,
+    table_of,
+    talk_with_feedback_without_flags,
+)
 
 
 def states(rows: list[Row]) -> list[MotorState]:
@@ -58,6 +67,13 @@ def test_motor_in_order() -> None:
 )
 def test_motor_in_trouble(rows: list[Row], text: str) -> None:
     assert states(rows)[1].text == text
+
+
+@pytest.mark.usefixtures("feedback_without_flags")
+def test_feedback_without_online_takes_no_motor_offline() -> None:
+    rows = talk_with_feedback_without_flags(20)
+    assert rows[-1].raw[1] == 0
+    assert [one.text for one in states(rows)] == ["ok"] * 4
 
 
 def test_late_motor_is_named() -> None:

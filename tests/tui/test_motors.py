@@ -69,9 +69,23 @@ def test_a_line_has_target_feedback_answers_and_since_when(feed: ListFeed) -> No
     feed.give(talk(11, lost=3))
 
     async def scenario(app: SniffApp) -> None:
+        await until(app, "motor 3 answered")
+        await settle(app)
         text = " ".join(strip(app)[2].split())
-        assert text.startswith("3 unanswered speed 1000 → 998 RPM answers 67 % since 12:00:")
+        assert text.startswith("3 unanswered speed 1000 → 998 RPM answers 67 % since 12:00:00")
         assert "p99 3.0 ms" in strip(app)[0]
+
+    play(feed, scenario)
+
+
+def test_trouble_after_a_quiet_phase_is_since_the_start_of_its_finding(feed: ListFeed) -> None:
+    feed.give([*talk(10, error=4), *after(10, talk(10)), *after(20, talk(5, error=4))])
+
+    async def scenario(app: SniffApp) -> None:
+        await until(app, "motor 4 reported ERROR 04")
+        await settle(app)
+        assert "4 ERROR 04" in strip(app)[3]
+        assert "since 12:00:00" in strip(app)[3]
 
     play(feed, scenario)
 
@@ -81,7 +95,7 @@ def test_a_late_motor_has_the_time_of_its_answers(feed: ListFeed) -> None:
 
     async def scenario(app: SniffApp) -> None:
         text = " ".join(strip(app)[2].split())
-        assert text.startswith("3 late speed 1000 → 998 RPM p99 14.0 ms since 12:00:")
+        assert text.startswith("3 late speed 1000 → 998 RPM answers 100 % p99 14.0 ms")
 
     play(feed, scenario)
 
