@@ -15,18 +15,10 @@ import numpy as np
 import polars as pl
 from bokeh.embed import file_html
 from bokeh.layouts import column
-from bokeh.models import (
-    BoxZoomTool,
-    HoverTool,
-    PanTool,
-    Range1d,
-    ResetTool,
-    Spacer,
-    WheelZoomTool,
-)
-from bokeh.models.annotations import Title
+from bokeh.models import Range1d, Spacer
 from bokeh.plotting import figure
 from bokeh.resources import INLINE
+from bokeh.themes import Theme
 
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.segments import Counts, added
@@ -34,6 +26,7 @@ from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
+from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.spec import FIELD_BY_NAME, MOTORS, VALUE_FIELDS, Direction, Fault, status_of
 
 MOST_WINDOWS: Final = 2000
@@ -44,6 +37,17 @@ _FLAGS: Final = tuple(field.name for field in VALUE_FIELDS if field.legal_bits i
 _VALUES: Final = (*QUANTITIES, *_FLAGS)
 _COLOURS: Final = {Direction.CONTROL: "#d9822b", Direction.FEEDBACK: "#3a7bd5"}
 _FLAG, _QUIET = "#d03b3b", "#8a8f98"
+
+_PARTS: Final = ("major_label_text", "axis_line", "major_tick_line", "minor_tick_line")
+_LEGEND: Final = {"background_fill_alpha": 0, "label_text_color": _QUIET, "click_policy": "hide"}
+_STYLES: Final = {
+    "Plot": {"background_fill_alpha": 0, "border_fill_alpha": 0, "outline_line_color": None},
+    "Title": {"text_color": _QUIET},
+    "Axis": {f"{part}_color": _QUIET for part in _PARTS},
+    "Grid": {"grid_line_color": _QUIET, "grid_line_alpha": 0.3},
+    "Legend": _LEGEND,
+}
+"""Of Bokeh's models: legible on light and dark backgrounds."""
 
 _TEMPLATE: Final = """
 {% block postamble %}
@@ -101,6 +105,7 @@ def page(title: str, texts: Mapping[str, str], counts: Counts) -> str:
         column(*_plots(counts), Spacer(), sizing_mode="stretch_width"),
         INLINE,
         title,
+        theme=Theme(json={"attrs": _STYLES}),
         template=_TEMPLATE,
         template_variables={
             "heading": title,
@@ -125,38 +130,31 @@ def _plots(counts: Counts) -> Iterator[Any]:
 
 
 def _figure(title: str, height: int, shared: Range1d, **options: Any) -> Any:
-    zoom = WheelZoomTool(dimensions="width")
-    drag = BoxZoomTool(dimensions="width")
-    made = figure(
-        title=Title(text=title, text_color=_QUIET),
+    return figure(
+        title=title,
         x_axis_type="datetime",
         x_range=shared,
         height=height,
         sizing_mode="stretch_width",
-        tools=[drag, PanTool(dimensions="width"), zoom, ResetTool()],
-        active_drag=drag,
-        background_fill_alpha=0,
-        border_fill_alpha=0,
+        tools="xbox_zoom,xpan,xwheel_zoom,reset",
+        active_drag="xbox_zoom",
         **options,
     )
-    for axis in (*made.xaxis, *made.yaxis):
-        axis.major_label_text_color = axis.axis_line_color = axis.major_tick_line_color = _QUIET
-    made.grid.grid_line_color, made.grid.grid_line_alpha = _QUIET, 0.3
-    return made
 
 
 def _fault_plot(faults: pl.DataFrame, shared: Range1d) -> Any:
     words = [str(fault) for fault in Fault if str(fault) in faults["fault"]]
-    made = _figure(_("Faults"), 90 + 24 * len(words), shared, y_range=words[::-1])
+    shown = [(_("rows"), "@rows{0,0}"), (_("time"), "@time")]
+    height = 90 + 24 * len(words)
+    made = _figure(_("Faults"), height, shared, y_range=words[::-1], tooltips=shown)
     data = {
         "x": (faults["window"] / 1e6).to_list(),
         "y": faults["fault"].to_list(),
         "rows": faults["sum rows"].to_list(),
+        "time": [iso_time(window)[11:19] for window in faults["window"]],
         "colour": [LOOKS[status_of((Fault(word),))].plot for word in faults["fault"]],
     }
     made.scatter("x", "y", size=8, marker="square", color="colour", source=data)
-    shown = [(_("rows"), "@rows{0,0}"), (_("time"), "@x{%H:%M:%S}")]
-    made.add_tools(HoverTool(tooltips=shown, formatters={"@x": "datetime"}))
     return made
 
 
@@ -182,8 +180,6 @@ def _value_plot(
             made.scatter(x, top, marker="inverted_triangle", color=_FLAG, legend_label=flag)
     if breaks:
         made.vspan(x=breaks, color=_QUIET, line_dash="dashed")
-    made.legend.background_fill_alpha = 0
-    made.legend.label_text_color, made.legend.click_policy = _QUIET, "hide"
     return made
 
 
