@@ -314,7 +314,11 @@ def _times(
 def _too_few(form: str, kinds: Sequence[str], missing: _Missing) -> None:
     if kinds:
         seconds = round(PARTS * 2**PERIODS / 1e9)
-        values = {"kinds": listed(kinds), "least": PARTS * LEAST_VALUES, "seconds": seconds}
+        values = {
+            "kinds": listed(dict.fromkeys(kinds)),
+            "least": PARTS * LEAST_VALUES,
+            "seconds": seconds,
+        }
         missing.append(TranslatableText(form, **values))
 
 
@@ -334,7 +338,7 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
         whole = [_Histogram.of(one, **{"kind": kind, MOTOR: motor}) for one in own]
         active = [one.where(one.middles <= PAUSE * one.median) for one in whole]
         if not all(one.is_enough for one in active):
-            few.append(what)
+            few.append(KINDS[kind].name)
             continue
         yield from _times(active, ("period", "rate", "period_p99", "jitter"), what, of)
         if KINDS[kind].direction is Direction.FEEDBACK:
@@ -352,7 +356,7 @@ def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
             of = ("", motor, kind.name)
             yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
         elif all(one.counts.any() for one in delays):
-            few.append(_whose(code, motor))
+            few.append(kind.name)
     _too_few(_FEW_ANSWERS, few, missing)
 
 

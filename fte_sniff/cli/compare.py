@@ -67,18 +67,20 @@ _ALWAYS: Final = ("period", "delay", "delay_p99", "unanswered", "damage")
 
 
 def comparison_lines(found: Comparison) -> Iterator[Text]:
-    """What changed, then the numbers of both sides; those that changed are marked."""
+    """What changed, the numbers of both sides with marks, and what was not compared."""
     for number, change in enumerate(found.changes, 1):
         yield Text(f"{number}. {printable(_(change.text))}")
     if not found.changes and found.numbers:
         yield Text(_("no change that is more than chance and large enough to matter"))
-    for text in found.not_compared:
-        yield Text(printable(_("not compared: {text}", text=text)))
     shown = [one for one in found.numbers if one.score or one.measure in _ALWAYS]
     if shown:
         rows = [[_name(one), _value(one, one.before), _value(one, one.after)] for one in shown]
         yield Text()
         yield from table_lines([f"  {_('measure')}", _("before"), _("after")], rows)
+    if found.not_compared:
+        yield Text()
+    for text in found.not_compared:
+        yield Text(printable(_("not compared: {text}", text=text)))
 
 
 def _name(one: Number) -> str:
