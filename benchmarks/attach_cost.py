@@ -17,8 +17,8 @@ import sys
 import threading
 import tty
 
-from fte_sniff.capture.attach import Attachment
 from fte_sniff.capture.clock import Clock
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.spec import FRAME_LENGTH
 
@@ -48,7 +48,7 @@ def run(seconds: float, *, attach: bool) -> tuple[float, int, int]:
         target.stdout.readline()
         os.close(near)
         seen = 0
-        source = Attachment(words[3]).open(Clock.tied()).__enter__() if attach else None
+        source = Wiring([words[3]], way="attach").open(Clock.tied()).__enter__() if attach else None
         target.stdin.write("\n")
         target.stdin.flush()
         trips = int(target.stdout.readline())

@@ -14,15 +14,15 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.live_program import taken
 from benchmarks.paced_line import frames_of
-from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.source import Item
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
+from fte_sniff.session import control
 from fte_sniff.session.control import CapturePlan
 from fte_sniff.session.live_session import LiveSession
 
@@ -88,17 +88,17 @@ class FlatOut:
         self.stop()
 
 
-@dataclass(frozen=True)
-class FlatOutWiring:
-    """The wiring that opens `FlatOut`."""
+_PATH_ENDS = "del sys.path[0]"
+START = control._START.replace(
+    _PATH_ENDS, f"import benchmarks.capture_memory as m; m.replace_source()\n{_PATH_ENDS}"
+)
+"""How the capture process starts, with `FlatOut` as its source."""
 
-    rows: int
-    settings: PortSettings
-    names: tuple[str, ...] = tuple(WIRES)
 
-    def open(self, clock: Clock) -> FlatOut:
-        """Open the source."""
-        return FlatOut(self.rows, clock.now_ns())
+def replace_source() -> None:
+    """Let every wiring open `FlatOut`; the number of rows is that of the plan's port."""
+    Wiring.names = property(lambda _: tuple(WIRES))
+    Wiring.open = lambda self, clock: FlatOut(int(self.ports[0]), clock.now_ns())
 
 
 def main() -> None:
@@ -110,7 +110,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "x.mcap"
         start = time.monotonic()
-        wiring = FlatOutWiring(rows, PortSettings(3_000_000))
+        wiring = Wiring([str(rows)], PortSettings(3_000_000))
+        control._START = START
         with closing(LiveSession(CapturePlan(wiring, path))) as session:
             session.begin()
             shown, running = 1, True

@@ -16,6 +16,7 @@ Modules:
     simulation    Simulated motors, controller, host and line with faults; parameters.
     source        Connections; their reader threads, and one queue of chunks and events.
     url_handlers  URL schemes for pyserial, and what differs between them.
+    wiring        Which ports a capture opens, and how.
 """
 
 import serial

@@ -22,18 +22,14 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from decimal import Decimal
-from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from fte_sniff.capture.bridge import HOST
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text, is_terminal, open_files
 from fte_sniff.capture.port_errors import port_error
-from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
-from fte_sniff.capture.source import Connection, Item, Source
+from fte_sniff.capture.source import HOST, Connection, Item
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
@@ -109,60 +105,28 @@ def call_of(line: str, device: str) -> Call | None:
     return Call(name, written, int(t_s * 1_000_000_000), data, count - len(data))
 
 
-@dataclass(frozen=True, slots=True)
-class Attachment:
-    """A port that other programs have open, and the strace that watches them."""
-
-    port: str
-    settings: PortSettings = DEFAULT_SETTINGS
-    """Of the target; only the baud is used, for the load of the line."""
-    pid: int | None = None
-    """The process to watch; None for all that have the port open."""
-    reconnect: bool = True
-    """True to wait for the next program that opens the port, unless `pid` names one."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The wire from the controller, and the wire from the host program."""
-        return (self.port, HOST)
-
-    def open(self, clock: Clock) -> Source:
-        """Attach to the programs that have the port open.
-
-        Raises PortError, with the fix, if there are none or strace cannot watch them.
-        """
-        reconnect = self.reconnect and self.pid is None
-        source = Source([partial(connect_strace, self, clock)], clock, reconnect=reconnect)
-        source.note(PortEventKind.WIRING, LIMITS)
-        return source
-
-
-def connect_strace(wanted: Attachment, clock: Clock) -> Connection:
-    """Start to watch; raises as `Attachment.open`."""
-    strace = Strace(wanted, clock)
+def connect_strace(port: str, pid: int | None, clock: Clock) -> Connection:
+    """Watch the programs that have a port open, or one of them; raises as `Strace`."""
+    strace = Strace(port, _holders(port, pid), clock)
     return Connection(
-        names=wanted.names,
+        names=(port, HOST),
         detail=TranslatableText("attached: {holders}", holders=holders_text(strace.holders)),
         readers=(strace.items,),
         close=strace.close,
         place=listed(strace.holders),
         # What is known is the order of the system calls.
-        uncertainty_ns=dict.fromkeys(wanted.names, 0),
+        uncertainty_ns=dict.fromkeys((port, HOST), 0),
     )
 
 
 class Strace:
     """A running strace, whose lines are chunks of both wires; they come from its standard error."""
 
-    def __init__(self, wanted: Attachment, clock: Clock) -> None:
-        """Watch the programs that have the port open.
-
-        Raises PortError, with the fix, if there are none or strace cannot watch them.
-        """
-        self._names, self._clock = wanted.names, clock
-        self.holders = _holders(wanted)
+    def __init__(self, port: str, holders: list[Holder], clock: Clock) -> None:
+        """Watch programs; raises PortError, with the fix, if strace cannot."""
+        self._names, self.holders, self._clock = (port, HOST), holders, clock
         self._look_s = 0.0
-        self._watch(os.path.realpath(wanted.port))
+        self._watch(os.path.realpath(port))
 
     def _watch(self, device: str) -> None:
         self._device, self._terminals = device, _terminals_of(self.holders)
@@ -265,16 +229,16 @@ class Strace:
         if not new or (self._device in now and Path(self._device).exists()):
             return
         yield from self.close()  # a program has one watcher at a time
+        try:
+            self._watch(new[0])
+        except PortError as error:
+            raise OSError(error.message) from error
         detail = TranslatableText(
             "{programs} opened {device} instead, which is watched now",
             programs=listed(self.holders, Joint.AND),
             device=new[0],
         )
         yield self._event(self._names[0], PortEventKind.FOUND_AGAIN, detail)
-        try:
-            self._watch(new[0])
-        except PortError as error:
-            raise OSError(error.message) from error
 
     def _event(self, name: str, kind: PortEventKind, detail: str, count: int = 0) -> PortEvent:
         return PortEvent(self._clock.now_ns(), name, kind, detail, count)
@@ -318,26 +282,25 @@ def _terminals_of(holders: list[Holder]) -> set[str]:
     return {name for one in holders for name in open_files(one.pid) if is_terminal(name)}
 
 
-def _holders(wanted: Attachment) -> list[Holder]:
+def _holders(port: str, pid: int | None) -> list[Holder]:
     """The programs to watch; raises PortError if there are none."""
-    if not is_terminal(wanted.port):
-        number = errno.ENOTTY if os.path.exists(wanted.port) else errno.ENOENT  # noqa: PTH110
-        raise port_error(wanted.port, wanted.port, OSError(number, ""))
-    holders, port = holders_of(wanted.port), printable(wanted.port)
-    named = [holder for holder in holders if wanted.pid in (None, holder.pid)]
-    if named:
+    if not is_terminal(port):
+        number = errno.ENOTTY if os.path.exists(port) else errno.ENOENT  # noqa: PTH110
+        raise port_error(port, port, OSError(number, ""))
+    holders = holders_of(port)
+    if named := [holder for holder in holders if pid in (None, holder.pid)]:
         return named
-    if wanted.pid is not None:
+    if pid is not None:
         raise PortError(
             "process {pid} does not have {port} open; {holders}",
-            pid=wanted.pid,
-            port=port,
+            pid=pid,
+            port=printable(port),
             holders=holders_text(holders),
         )
     raise PortError(
         "no program that this user may watch has {port} open; start the program first, or use"
         " sudo for that of another user",
-        port=port,
+        port=printable(port),
     )
 
 

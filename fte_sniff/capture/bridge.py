@@ -18,11 +18,8 @@ import time
 import tty
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import urlencode
 
 import serial
 
@@ -30,24 +27,19 @@ from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import is_pseudo_terminal
 from fte_sniff.capture.lasting_name import LastingPort
 from fte_sniff.capture.serial_port import (
-    DEFAULT_SETTINGS,
     READ_TIMEOUT_S,
-    PortSettings,
     max_latency_ns,
     reader_of,
     request_low_latency,
     writer_of,
 )
-from fte_sniff.capture.source import Connection, Item, Source
+from fte_sniff.capture.source import HOST, Connection, Item
 from fte_sniff.errors import FileError, TranslatableText, printable
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import byte_time_ns
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.simulation import SimulationParameters
-
-HOST: Final = "host"
-"""Name of the wire from the host program; the other wire has the port's name."""
+    pass
 
 DRIVER_BUFFER_BYTES: Final = 4096
 """Approximate size of a driver's write buffer: no byte is stamped later than a full one drains."""
@@ -56,47 +48,19 @@ REPORT_NS: Final = 1_000_000_000
 """Least time between two reports of bytes that were not delivered."""
 
 
-@dataclass(frozen=True, slots=True)
-class Bridge:
-    """A port, and a pseudo-terminal that a host program opens instead of it."""
+def connect_bridge(lasting: LastingPort, link: str | None, clock: Clock) -> Connection:
+    """Open a port exclusively, and make the pseudo-terminal of the host program, and its link.
 
-    port: str
-    settings: PortSettings = DEFAULT_SETTINGS
-    link: Path | None = None
-    reconnect: bool = True
-    """True to wait for a lost port, if there is a link; else the next device has another name."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The wire from the controller, and the wire from the host program."""
-        return (self.port, HOST)
-
-    def open(self, clock: Clock) -> Source:
-        """Open the port exclusively, and create the pseudo-terminal; it forwards once entered.
-
-        Raises PortError for the port, FileError if `link` exists already or cannot be created.
-        """
-        lasting = LastingPort(self.port, self.settings)
-        connect = partial(connect_bridge, self, lasting, clock)
-        return Source([connect], clock, reconnect=self.reconnect and self.link is not None)
-
-
-def open_simulated(parameters: SimulationParameters, baud: int, link: Path | None = None) -> Source:
-    """A bridge to a simulated controller; raises PortError if the line cannot carry the rate."""
-    url = f"sim://?{urlencode(asdict(parameters))}"
-    return Bridge(url, PortSettings(baud), link, reconnect=False).open(Clock.tied())
-
-
-def connect_bridge(wanted: Bridge, lasting: LastingPort, clock: Clock) -> Connection:
-    """Open the port and the host's end of a bridge; raises as `Bridge.open`."""
+    Raises PortError for the port, FileError if the link exists already or cannot be made.
+    """
     port = lasting.open()
     try:
-        host = HostEnd(wanted.link)
+        host = HostEnd(None if link is None else Path(link))
     except BaseException:
         port.close()
         raise
     _set_exclusive(port, termios.TIOCEXCL)
-    forwarder = Forwarder(wanted, port, host, clock)
+    forwarder = Forwarder(lasting, port, host, clock)
 
     def close() -> Iterable[Item]:
         rest = list(forwarder.rest())
@@ -106,18 +70,18 @@ def connect_bridge(wanted: Bridge, lasting: LastingPort, clock: Clock) -> Connec
         return rest
 
     return Connection(
-        names=wanted.names,
+        names=(lasting.name, HOST),
         detail=TranslatableText(
             "a host program can open {name}; {settings}; {low}",
             name=host.name,
-            settings=str(wanted.settings),
+            settings=str(lasting.settings),
             low=request_low_latency(port),
         ),
         readers=(forwarder.feedback, forwarder.control),
         close=close,
         device=host.name,
         comes_back=lasting.comes_back,
-        uncertainty_ns={wanted.port: max_latency_ns(port), HOST: 0},
+        uncertainty_ns={lasting.name: max_latency_ns(port), HOST: 0},
     )
 
 
@@ -130,10 +94,12 @@ def _set_exclusive(port: serial.Serial, request: int) -> None:
 class Forwarder:
     """The readers of a bridge; each is called by a thread of its own."""
 
-    def __init__(self, wanted: Bridge, port: serial.Serial, host: HostEnd, clock: Clock) -> None:
-        self._port, self._host, self._clock = wanted.port, host, clock
+    def __init__(
+        self, lasting: LastingPort, port: serial.Serial, host: HostEnd, clock: Clock
+    ) -> None:
+        self._port, self._host, self._clock = lasting.name, host, clock
         self._read, self._write = reader_of(port), writer_of(port)
-        self._byte_ns = byte_time_ns(wanted.settings.baud)
+        self._byte_ns = byte_time_ns(lasting.settings.baud)
         self._pending = b""
         """Bytes of the host program that the port has not accepted yet."""
         self._free_ns = 0

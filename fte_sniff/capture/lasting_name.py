@@ -35,7 +35,9 @@ class LastingPort:
 
     def __init__(self, name: str, settings: PortSettings) -> None:
         """Name the port; nothing is opened."""
-        self._name, self._settings = name, settings
+        self.name, self.settings = name, settings
+        self._name = name
+        """The name to open next."""
         self._made: tuple[int, int] | None = None
         """How the link was made when it was opened."""
         self._was_open = False
@@ -52,7 +54,7 @@ class LastingPort:
         is_same = self._was_open and made(self._name) == self._made
         if is_same and is_pseudo_terminal(self._name):
             raise PortError("{port} is away", port=self._name)
-        port = open_port(self._name, self._settings)
+        port = open_port(self._name, self.settings)
         if not self._was_open and (device := device_of(port)) is not None:
             self._name = lasting_name(self._name, device, comports())
         self._was_open, self._made = True, made(self._name)

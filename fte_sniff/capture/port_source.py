@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -14,49 +13,19 @@ from fte_sniff.capture.discovery import Holder, holders_of, holders_text
 from fte_sniff.capture.lasting_name import LastingPort
 from fte_sniff.capture.line_errors import LineErrors, counters_of
 from fte_sniff.capture.serial_port import (
-    DEFAULT_SETTINGS,
-    PortSettings,
     device_of,
     max_latency_ns,
     reader_of,
     request_low_latency,
 )
-from fte_sniff.capture.source import Connection, Item, Reader, Source
-from fte_sniff.errors import TranslatableText, UsageError, printable
+from fte_sniff.capture.source import Connection, Item, Reader
+from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
 
-@dataclass(frozen=True, slots=True)
-class PortGroup:
-    """The ports of a live capture; raises UsageError if one is named twice."""
-
-    names: tuple[str, ...]
-    """Devices, or URLs that pyserial opens; all different."""
-    settings: PortSettings = DEFAULT_SETTINGS
-    reconnect: bool = True
-    """True to wait for a lost port, if it can come back."""
-
-    def __post_init__(self) -> None:
-        if len(set(self.names)) < len(self.names):
-            raise UsageError(
-                f"{printable(self.names[-1])} is named twice: name the port of the other wire "
-                "(for simulated ones: 'sim://?wire=control' 'sim://?wire=feedback')"
-            )
-
-    def open(self, clock: Clock) -> Source:
-        """Open all ports; raises PortError, with none open, if one fails."""
-        connects = [
-            partial(connect_port, name, LastingPort(name, self.settings), self.settings, clock)
-            for name in self.names
-        ]
-        return Source(connects, clock, reconnect=self.reconnect)
-
-
-def connect_port(
-    name: str, lasting: LastingPort, settings: PortSettings, clock: Clock
-) -> Connection:
+def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
     """Open a port to read it; raises PortError if it cannot be opened."""
-    port = lasting.open()
+    name, settings, port = lasting.name, lasting.settings, lasting.open()
     device = device_of(port)
     low_latency = TranslatableText("latency left alone")
     if not settings.share:

@@ -19,11 +19,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
-from typing import Final, Protocol, Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.port_errors import RefusedError, one_line
-from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
@@ -60,23 +59,8 @@ Connect: TypeAlias = Callable[[], Connection]
 """Connects, or connects again. Raises PortError, with the fix, and FileError."""
 
 
-class Wiring(Protocol):
-    """Which ports to open, and how. Can be pickled."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The port names in chunks, rows and events."""
-
-    @property
-    def settings(self) -> PortSettings:
-        """How each port is opened."""
-
-    def open(self, clock: Clock) -> Source:
-        """Open all ports, to be read once the source is entered.
-
-        Raises PortError, with none open, if one fails.
-        """
-
+HOST: Final = "host"
+"""Name of the wire from a host program; the other wire has the port's name."""
 
 AS_ASKED: Final = TranslatableText("as asked")
 """The detail of a port that was closed on request."""

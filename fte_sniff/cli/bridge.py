@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -12,10 +12,6 @@ from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.input_files import FileName
 from fte_sniff.cli.options import grouped_command, require_pseudo_terminals
 from fte_sniff.cli.settings import load_settings
-
-if TYPE_CHECKING:
-    from fte_sniff.capture.bridge import Bridge
-    from fte_sniff.capture.serial_port import PortSettings
 
 
 @grouped_command(name="bridge", short_help="Sit between a host program and the controller.")
@@ -36,11 +32,5 @@ def command(port: str, link: Path | None, **options: Any) -> None:
     fte-sniff bridge "sim://?host=off" --plain
     """
     require_pseudo_terminals("bridge", "`live PORT PORT` watches both wires with two adapters")
-    settings = load_settings()
-
-    def bridge(port_settings: PortSettings) -> Bridge:
-        from fte_sniff.capture.bridge import Bridge
-
-        return Bridge(port, port_settings, link, reconnect=settings.live.get("reconnect", True))
-
-    run_capture(bridge, (port,), settings, **options)
+    path = None if link is None else str(link)
+    run_capture((port,), load_settings(), way="bridge", link=path, **options)

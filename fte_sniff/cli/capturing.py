@@ -60,8 +60,7 @@ from fte_sniff.session.save import text_writer
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
-    from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.capture.source import Wiring
+    from fte_sniff.capture.wiring import Way, Wiring
     from fte_sniff.protocol.rows import Rows
     from fte_sniff.session.control import CapturePlan, CaptureState
     from fte_sniff.session.live_session import LiveSession
@@ -224,27 +223,32 @@ def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
 
 
 def run_capture(
-    wiring_with: Callable[[PortSettings], Wiring],
     ports: Sequence[str],
     settings: Settings,
     *,
+    way: Way,
+    link: str | None = None,
+    pid: int | None = None,
     share: bool = False,
     **options: Any,
 ) -> None:
     """Capture, record and show or print, until the end.
 
-    `wiring_with` builds the wiring from the settings of its ports, whose names are as the user
-    wrote them; the settings have defaults for options that are not given. `options` are the values
-    of `capture_options`. Raises FteSniffError after everything is closed, if the capture failed.
+    `way`, `link`, and `pid` are those of the wiring; the settings have defaults for options that
+    are not given. `options` are the values of `capture_options`. Raises FteSniffError after
+    everything is closed, if the capture failed.
     """
     from fte_sniff.capture.serial_port import ControlLine, PortSettings
+    from fte_sniff.capture.wiring import Wiring
 
     given, zone = SimpleNamespace(**options), settings.live.get("zone")
     baud = given.baud
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
     lines = ControlLine(given.dtr), ControlLine(given.rts)
-    plan = capture_plan(given, wiring_with(PortSettings(baud, *lines, share)))
+    reconnect = settings.live.get("reconnect", True)
+    wiring = Wiring(ports, PortSettings(baud, *lines, share), way, link, pid, reconnect)
+    plan = capture_plan(given, wiring)
     wanted = row_filter(given.filter_text, zone)
     kept = HANG_UP if given.keep_recording else ()
     signals = tuple(one for one in ENDING_SIGNALS if one not in kept)

@@ -15,8 +15,7 @@ from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError, printable
 
 if TYPE_CHECKING:
-    from fte_sniff.capture.serial_port import PortSettings
-    from fte_sniff.capture.source import Wiring
+    from fte_sniff.capture.wiring import Way
 
 _MOST_PORTS = 2
 
@@ -87,18 +86,8 @@ def command(
     if attach and share:
         raise UsageError("--attach does not open PORT, so there is nothing to share: leave one out")
 
-    reconnect = settings.live.get("reconnect", True)
-
-    def wiring(port_settings: PortSettings) -> Wiring:
-        if attach:
-            from fte_sniff.capture.attach import Attachment
-
-            return Attachment(ports[0], port_settings, pid, reconnect=reconnect)
-        from fte_sniff.capture.port_source import PortGroup
-
-        return PortGroup(ports, port_settings, reconnect=reconnect)
-
-    run_capture(wiring, ports, settings, share=share, **options)
+    way: Way = "attach" if attach else "read"
+    run_capture(ports, settings, way=way, pid=pid, share=share, **options)
 
 
 def check_attached(ports: tuple[str, ...]) -> None:

@@ -9,6 +9,7 @@ from dataclasses import Field, fields
 from pathlib import Path
 from threading import Event
 from typing import Any
+from urllib.parse import urlencode
 
 import click
 
@@ -79,10 +80,14 @@ def command(
         return
     if direction is not None or speed is not None:
         raise UsageError("--direction and --speed work with --replay; name a recording")
-    from fte_sniff.capture.bridge import open_simulated
+    from fte_sniff.capture.clock import Clock
+    from fte_sniff.capture.serial_port import PortSettings
+    from fte_sniff.capture.wiring import Wiring
 
-    simulated = SimulationParameters(**(parameters | _FIXED))
-    with open_simulated(simulated, baud, link) as bridge, ending_signals(bridge.stop):
+    url = f"sim://?{urlencode(parameters | _FIXED)}"
+    name = None if link is None else str(link)
+    wiring = Wiring([url], PortSettings(baud), "bridge", name, reconnect=False)
+    with wiring.open(Clock.tied()) as bridge, ending_signals(bridge.stop):
         device = bridge.device or ""
         click.echo(device)
         click.echo(f"a controller answers on {printable(device)}; Ctrl-C ends it", err=True)

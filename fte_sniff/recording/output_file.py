@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from enum import Enum
+from enum import StrEnum
 from itertools import count
 from pathlib import Path
 from secrets import token_hex
@@ -26,7 +26,7 @@ _CLOSED: Final = -1
 """The descriptor of a closed file."""
 
 
-class Existing(Enum):
+class Existing(StrEnum):
     """What to do if the file of a new recording exists."""
 
     REFUSE = "refuse"

@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import io
 import os
-import pickle
 import signal
 import sys
 import threading
 import time
-from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -289,7 +287,7 @@ def run() -> None:
     received, sent = io.FileIO(0, closefd=False), io.FileIO(os.dup(1), "w")
     os.dup2(2, 1)
     if line := received.readline():
-        _capture(pickle.loads(b64decode(line)), received, sent)
+        _capture(CapturePlan.parse(line), received, sent)
 
 
 def _capture(plan: CapturePlan, received: io.FileIO, sent: io.FileIO) -> None:
@@ -360,5 +358,4 @@ def _recorder(plan: CapturePlan, clock: Clock, source: Source) -> Recorder:
     facts["settings"] = str(plan.wiring.settings)
     for number, name in enumerate(plan.wiring.names, 1):
         facts[f"port.{number}.time_uncertainty_ns"] = str(source.uncertainty_ns[name])
-    options = plan.recording_options
-    return Recorder(plan.recording, ports, facts, existing=plan.existing, options=options)
+    return Recorder(plan.recording, ports, facts, existing=plan.existing, options=plan.options)

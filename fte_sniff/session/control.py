@@ -1,6 +1,6 @@
 """What a capture process and its view share: the plan, the state, and the pipes between them.
 
-    view ──standard input: the plan, then `stop`────► capture process
+    view ──standard input: the plan as JSON, then `stop`──► capture process
          ◄──standard output: a state, one JSON line──
 
 The capture sends its state, never rows; the view shows the last one. The end of standard input
@@ -11,18 +11,17 @@ from __future__ import annotations
 
 import json
 import os
-import pickle
 import subprocess
 import sys
-from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
+from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.silence import DEFAULT_SILENCE_S
-from fte_sniff.capture.source import Wiring
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import FileError, FteSniffError, PortError, TranslatableText, UsageError
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import RecordingOptions
@@ -36,7 +35,7 @@ class CapturePlan:
     recording: Path
     """Path of the recording."""
     existing: Existing = Existing.REFUSE
-    recording_options: RecordingOptions = field(default_factory=RecordingOptions)
+    options: RecordingOptions = field(default_factory=RecordingOptions)
     is_temporary: bool = False
     """Whether the recording, and its folder, go with the program."""
     outlives_view: bool = False
@@ -49,6 +48,19 @@ class CapturePlan:
     """End after this many rows; None for no limit."""
     silence_s: float = DEFAULT_SILENCE_S
     """Report a wire that was alive and is silent for this time, seconds."""
+
+    def line(self) -> bytes:
+        """One line of JSON, for `parse`."""
+        return json.dumps(asdict(self), default=str).encode() + b"\n"
+
+    @classmethod
+    def parse(cls, line: bytes) -> CapturePlan:
+        """The plan of a line."""
+        values = json.loads(line)
+        wiring, options = values.pop("wiring"), RecordingOptions(**values.pop("options"))
+        settings = PortSettings(**wiring.pop("settings"))
+        existing, path = Existing(values.pop("existing")), Path(values.pop("recording"))
+        return cls(Wiring(settings=settings, **wiring), path, existing, options, **values)
 
 
 REPORTED_LEFTOVER: Final = 2**20
@@ -171,7 +183,7 @@ def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # on Windows
     )
-    send(process, b64encode(pickle.dumps(plan)))
+    send(process, plan.line())
     return process
 
 
@@ -179,4 +191,4 @@ def send(process: subprocess.Popen[bytes], line: bytes) -> None:
     """Send a line to a process; one that has ended shows that on its standard output."""
     assert process.stdin is not None
     with suppress(OSError):
-        process.stdin.write(line + b"\n")
+        process.stdin.write(line.rstrip() + b"\n")

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Self
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.source import Item, Source
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.protocol.items import Chunk, PortEvent
 from tests.beside import Work
 from tests.pseudo_terminals import Pty
@@ -89,4 +89,4 @@ class Adapter:
 
 def opened(*names: str, reconnect: bool = False, **settings: object) -> Source:
     """A source of ports."""
-    return PortGroup(names, PortSettings(**settings), reconnect).open(CLOCK)  # type: ignore[arg-type]
+    return Wiring(names, PortSettings(**settings), reconnect=reconnect).open(CLOCK)  # type: ignore[arg-type]

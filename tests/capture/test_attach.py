@@ -15,13 +15,13 @@ import pytest
 
 from fte_sniff.capture.attach import (
     LIMITS,
-    Attachment,
     Call,
     call_of,
 )
-from fte_sniff.capture.bridge import HOST
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import holders_of
+from fte_sniff.capture.source import HOST
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import PortError
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
@@ -67,7 +67,7 @@ def host_at(device: str) -> Iterator[Host]:
 
 @contextmanager
 def attached(device: str, **options: object) -> Iterator[Seen]:
-    with Seen(Attachment(device, **options).open(Clock.tied())) as seen:
+    with Seen(Wiring([device], way="attach", **options).open(Clock.tied())) as seen:
         yield seen
 
 
@@ -113,7 +113,7 @@ def test_rows_have_the_order_of_the_calls_and_their_times(pty) -> None:
     commands = [bytes.fromhex(f"AA010{one}006400000000EE") for one in numbers]
     answers = [bytes.fromhex(f"55010{one}00640000000FEE") for one in numbers]
     with host_at(pty.device) as host:
-        source = Attachment(pty.device).open(Clock.tied())
+        source = Wiring([pty.device], way="attach").open(Clock.tied())
         host.does("import select")
         # Also the calls before the first read of strace's lines have their own times.
         for command, answer in zip(commands, answers, strict=True):
@@ -193,8 +193,8 @@ def test_end_of_the_target_ends_the_capture_without_an_error(pty, options) -> No
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_target_goes_on_however_the_capture_ends(pty, number: int) -> None:
     code = (
-        "import sys; from fte_sniff.capture.attach import *;"
-        "source = Attachment(sys.argv[1]).open(Clock.tied()); print(flush=True);"
+        "import sys; from fte_sniff.capture.wiring import *;"
+        "source = Wiring([sys.argv[1]], way='attach').open(Clock.tied()); print(flush=True);"
         "[None for _ in source]"
     )
     with host_at(pty.device) as host:
@@ -305,7 +305,7 @@ def test_hundred_forks_are_seen(pty) -> None:
 def test_unwatchable_ports_are_one_sentence_with_the_fix(pty, tmp_path, monkeypatch) -> None:
     def refused(device: str, **options: object) -> str:
         with pytest.raises(PortError) as error:
-            Attachment(device, **options).open(Clock.tied())
+            Wiring([device], way="attach", **options).open(Clock.tied())
         assert "\n" not in str(error.value)
         return str(error.value)
 
@@ -337,13 +337,13 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
     with held(pty.near):
         wait_until(lambda: holders_of(pty.device))
         with pytest.raises(PortError, match=r"may not watch it, .* use sudo"):
-            Attachment(pty.device).open(Clock.tied())
+            Wiring([pty.device], way="attach").open(Clock.tied())
         script.write_text("\0")
         with pytest.raises(PortError, match=r"strace cannot be run: Exec format error"):
-            Attachment(pty.device).open(Clock.tied())
+            Wiring([pty.device], way="attach").open(Clock.tied())
         script.write_text("#!/bin/sh\nprintf 'strace: a\\nstrace: b\\n' >&2\nexit 1\n")
         with pytest.raises(PortError, match=r"strace ended: strace: b$"):
-            Attachment(pty.device).open(Clock.tied())
+            Wiring([pty.device], way="attach").open(Clock.tied())
 
 
 @pytest.mark.parametrize(

@@ -11,17 +11,19 @@ import termios
 import time
 from collections import deque
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import DRIVER_BUFFER_BYTES, HOST, Bridge, HostEnd, open_simulated
+from fte_sniff.capture.bridge import DRIVER_BUFFER_BYTES, HostEnd
 from fte_sniff.capture.serial_port import open_port
-from fte_sniff.capture.simulation import SimulationParameters
+from fte_sniff.capture.source import HOST, Source
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
-from fte_sniff.protocol.spec import DEFAULT_BAUD, KIND_BY_NAME, MOTORS, byte_time_ns, encode
+from fte_sniff.protocol.spec import KIND_BY_NAME, MOTORS, byte_time_ns, encode
 from tests.beside import Work
 from tests.capture.seen import CLOCK, Adapter, Seen
 from tests.pseudo_terminals import Pty
@@ -32,10 +34,17 @@ from tests.waiting import BOUND_S, wait_until, while_waiting
 _TIOCGEXCL = 0x80045440
 
 
+def bridge_to(port: str, link: Path | None = None) -> Source:
+    name = None if link is None else str(link)
+    return Wiring([port], way="bridge", link=name, reconnect=False).open(CLOCK)
+
+
 @pytest.fixture
 def bridged(pty, tmp_path) -> Iterator[Seen]:
     """A bridge in front of the terminal, whose items are taken."""
-    source = Bridge(pty.device, link=tmp_path / "link", reconnect=False).open(CLOCK)
+    source = Wiring([pty.device], way="bridge", link=str(tmp_path / "link"), reconnect=False).open(
+        CLOCK
+    )
     with Seen(source) as seen:
         yield seen
 
@@ -165,7 +174,7 @@ def test_port_that_accepts_nothing_holds_up_only_the_host_program(bridged, pty) 
 def test_port_is_the_bridges_alone_while_it_runs(bridged, pty) -> None:
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (1,)
     with pytest.raises(PortError, match="busy"):
-        Bridge(pty.device).open(CLOCK)
+        Wiring([pty.device], way="bridge").open(CLOCK)
     bridged.end()
     assert struct.unpack("I", fcntl.ioctl(pty.near, _TIOCGEXCL, bytes(4))) == (0,)
 
@@ -198,7 +207,9 @@ def test_written_bytes_have_the_time_at_which_they_leave_the_line(bridged, pty) 
 
 
 def test_nothing_is_forwarded_before_it_can_be_recorded(pty, tmp_path) -> None:
-    bridge = Bridge(pty.device, link=tmp_path / "link", reconnect=False).open(CLOCK)
+    bridge = Wiring([pty.device], way="bridge", link=str(tmp_path / "link"), reconnect=False).open(
+        CLOCK
+    )
     with serial.Serial(bridge.device, 115200, timeout=BOUND_S) as host:
         host.write(b"early")
         assert pty.arrived(0.1) == b""
@@ -216,7 +227,7 @@ def adapter(tmp_path) -> Adapter:
 
 
 def bridge_at(adapter: Adapter) -> Seen:
-    return Seen(Bridge(adapter.name, link=adapter.link).open(CLOCK))
+    return Seen(Wiring([adapter.name], way="bridge", link=str(adapter.link)).open(CLOCK))
 
 
 def test_host_program_is_hung_up_and_comes_again_by_the_same_link(new_pty, adapter) -> None:
@@ -258,7 +269,7 @@ def test_link_that_was_taken_meanwhile_ends_the_bridge(new_pty, adapter) -> None
 
 # The simulated controller, and the link
 
-ALONE = SimulationParameters(host="off", rate=1000)
+ALONE = "sim://?host=off&rate=1000"
 
 
 def test_program_commands_the_controller_and_receives_its_feedback() -> None:
@@ -271,7 +282,7 @@ def test_program_commands_the_controller_and_receives_its_feedback() -> None:
             speeds[row.values["motor"]] = row.values["rpm"]
         return set(speeds) == set(MOTORS) and abs(speeds[motor] - rpm) <= 1
 
-    with open_simulated(ALONE, DEFAULT_BAUD) as bridge:
+    with bridge_to(ALONE) as bridge:
         work = Work(lambda: deque(bridge, maxlen=0))
         with open_port(bridge.device) as port:
             wait_until(lambda: turns(port, 2, 0))
@@ -285,15 +296,15 @@ def test_program_commands_the_controller_and_receives_its_feedback() -> None:
 def test_only_a_link_to_a_terminal_that_is_gone_is_replaced(tmp_path) -> None:
     link = tmp_path / "controller"
     link.symlink_to("/dev/pts/no-such")
-    with open_simulated(ALONE, DEFAULT_BAUD, link):
+    with bridge_to(ALONE, link):
         assert link.exists()
     with pytest.raises(FileError, match="cannot be made"):
-        open_simulated(ALONE, DEFAULT_BAUD, tmp_path / "no" / "such")
+        bridge_to(ALONE, tmp_path / "no" / "such")
     for make in (lambda: link.write_text("mine"), lambda: link.symlink_to("/not/ours")):
         make()
         before = os.lstat(link)
         with pytest.raises(FileError, match="exists already"):
-            open_simulated(ALONE, DEFAULT_BAUD, link)
+            bridge_to(ALONE, link)
         assert os.lstat(link) == before
         link.unlink()
 
@@ -319,7 +330,7 @@ def test_stale_link_is_replaced_though_its_number_is_given_again(tmp_path) -> No
 
 def test_link_that_was_taken_over_is_left_alone(tmp_path) -> None:
     link = tmp_path / "controller"
-    with open_simulated(ALONE, DEFAULT_BAUD, link):
+    with bridge_to(ALONE, link):
         link.unlink()
         link.symlink_to("/dev/null")
     assert str(link.readlink()) == "/dev/null"

@@ -7,8 +7,8 @@ import struct
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import Bridge
 from fte_sniff.capture.serial_port import PortSettings, open_port
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import PortError
 from tests.beside import Work, server_socket
 from tests.capture.seen import CLOCK, Seen, opened
@@ -107,7 +107,7 @@ def test_a_server_that_hangs_up_at_once_is_distinguished_from_an_absent_one():
 
 def test_an_rfc2217_port_is_bridged_both_ways(server, pty, until):
     with (
-        Bridge(server.url).open(CLOCK) as bridge,
+        Wiring([server.url], way="bridge").open(CLOCK) as bridge,
         serial.Serial(bridge.device, 19200, timeout=BOUND_S) as host,
     ):
         host.write(b"\xfe\xff\xff\x00")

@@ -10,9 +10,9 @@ import termios
 
 import pytest
 
-from fte_sniff.capture.port_source import PortGroup
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
+from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import PortError, UsageError
 from fte_sniff.protocol.items import Chunk
 from tests.beside import Work, held, running, server_socket
@@ -105,7 +105,7 @@ def test_all_of_two_ports_comes_and_that_of_each_in_order_of_time(new_pty) -> No
 
 def test_port_can_be_named_once_only_however_it_is_spelled(pty, tmp_path) -> None:
     with pytest.raises(UsageError, match="named twice"):
-        PortGroup(("sim://", "sim://"))
+        Wiring(("sim://", "sim://"))
     (tmp_path / "link").symlink_to(pty.device)
     with pytest.raises(PortError, match="is busy: this or another program has it open"):
         opened(pty.device, str(tmp_path / "link"))
