@@ -334,7 +334,7 @@ def _next_chunk(file: _Bytes, start: int, end: int) -> int:
     return end
 
 
-def unpack(body: bytes) -> bytes:
+def unpack(body: bytes | memoryview) -> bytes:
     """The records of a chunk, which must have its checksum; raises DamagedError."""
     try:
         _, _, size, crc, name_size = _CHUNK_HEAD.unpack_from(body)

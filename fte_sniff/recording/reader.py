@@ -470,7 +470,7 @@ def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
             continue
         data = read_at(descriptor, one.end - one.start, one.start)
         try:
-            records = unpack(data[HEAD.size : one.stop - one.start])
+            records = unpack(memoryview(data)[HEAD.size : one.stop - one.start])
             indexes = data[one.stop - one.start :]
             found.append(_indexed(indexes, records) or _walked(records))
         except DamagedError as error:

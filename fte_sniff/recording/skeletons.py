@@ -13,7 +13,8 @@ schema is read in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -98,7 +99,8 @@ class Messages(NamedTuple):
         return self.records[start : start + int(self.lengths[at])]
 
 
-class MessageType(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class MessageType:
     """The messages of a schema."""
 
     parse: Callable[[bytes], Any]
@@ -125,11 +127,10 @@ class _Skeleton:
         self.framed = getattr(message, "framed", True)
         self.unordered = getattr(message, "order_uncertain", False)
         self.fields, mask = fields_in(data, kind.names)
-        first, self.size = self.fields["raw"]
+        _, self.size = self.fields["raw"]
         if not self.size or (self.framed and self.size != FRAME_LENGTH):
             raise ValueError("a row without bytes, or a frame of another length")
         self.padding = -len(data) % _WORD
-        self.raw = slice(self.padding + first, self.padding + first + self.size)
         self._mask = np.frombuffer(bytes(self.padding) + mask, "<u8")
         self._expected = np.frombuffer(bytes(self.padding) + data, "<u8") & self._mask
 
@@ -143,19 +144,26 @@ class _Skeleton:
         fits: Bools = differing == 0
         return fits
 
-    def store(self, windows: Array, rows: Array, columns: Rows) -> Bools:
-        """Fill in the columns of these rows, up to their 16th byte; returns which are valid.
+    def store(
+        self,
+        windows: Array,
+        fits: Bools,
+        rows: Array,
+        columns: Rows,
+        more: list[tuple[Array, Rows]],
+    ) -> Array:
+        """Fill in the columns of `rows`, the messages that fit; returns the rows that are valid.
 
-        What a message does not have, and most have alike, stays as it is.
+        What a message does not have, and most have alike, stays as it is. `more` gets the rows
+        beyond the 16th byte, with the indices of their messages.
         """
         valid: Bools = np.ones(len(rows), np.bool_)
         for name, column in _NUMBERS.items():
-            first, size = self.fields.get(name, (0, 0))
-            if size == _WORD:
-                place = self.padding + first
-                values = np.ndarray(len(windows), "<i8", windows, place, windows.strides)
+            if self.fields.get(name, (0, 0))[1] == _WORD:
+                values = self._field(name, "<i8", windows)[fits]
                 columns.columns[column][rows] = values
-                valid &= (values >= 0) | (column == "delay_ns")
+                if column != "delay_ns":
+                    valid &= values >= 0
         length = min(self.size, MOST_BYTES)
         shared = {
             "length": length,
@@ -166,23 +174,26 @@ class _Skeleton:
         for column, value in shared.items():
             if value != COLUMNS[column][1]:
                 columns.columns[column][rows] = value
-        raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
-        start = np.ndarray(len(raw), f"V{length}", windows, self.raw.start, windows.strides)
+        values = self._field("raw", f"V{self.size}", windows)[fits]
+        raw = values.view(np.uint8).reshape(-1, self.size)
         own: Array = np.ndarray(len(columns), f"V{length}", columns.raw, 0, columns.raw.strides[:1])
-        own[rows] = start
+        own[rows] = np.ndarray(len(raw), f"V{length}", values, 0, values.strides)
         if self.framed:
             valid &= IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
-        return valid
+        good = rows[valid]
+        for first in range(MOST_BYTES, self.size, MOST_BYTES):
+            rest, part = columns.select(good), raw[valid, first : first + MOST_BYTES]
+            rest.offset[:] += first
+            rest.length[:] = part.shape[1]
+            rest.raw[:] = 0
+            rest.raw[:, : part.shape[1]] = part
+            more.append((good, rest))
+        return good
 
-    def rest(self, windows: Array, rows: Rows, first: int) -> Rows:
-        """The next row of each message, from its byte `first` on."""
-        raw = windows.view(np.uint8).reshape(len(windows), -1)[:, self.raw]
-        own = raw[:, first : first + MOST_BYTES]
-        rows.offset[:] += first
-        rows.length[:] = own.shape[1]
-        rows.raw[:] = 0
-        rows.raw[:, : own.shape[1]] = own
-        return rows
+    def _field(self, name: str, kind: str, windows: Array) -> Array:
+        """A field of all messages."""
+        place = self.padding + self.fields[name][0]
+        return np.ndarray(len(windows), kind, windows, place, windows.strides)
 
 
 def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[int, int]], bytes]:
@@ -232,8 +243,8 @@ class MessageDecoder:
     """Decodes the messages of a file; keeps its skeletons."""
 
     def __init__(self) -> None:
-        self._skeletons: dict[tuple[int, int], list[_Skeleton]] = {}
-        """By the identity of the message type and the length."""
+        self._skeletons: dict[tuple[MessageType, int], list[_Skeleton]] = {}
+        """By the type and the length of the message."""
 
     def decode(
         self, messages: Messages, channels: Mapping[int, tuple[MessageType, str]]
@@ -242,78 +253,67 @@ class MessageDecoder:
 
         Messages of other channels are skipped. Noise of more than 16 bytes becomes several rows.
         """
-        types = {id_: kind for id_, (kind, _) in channels.items()}
-        ports = {id_: port for id_, (_, port) in channels.items()}
-        known = np.zeros(1 << 16, np.bool_)
-        known[list(types)] = True
-        own = known.take(messages.channels)
-        has_length = (messages.lengths > 0) & (messages.lengths < LONGEST)
-        legible = np.flatnonzero(own & has_length & (messages.log_times >= 0))
-        unreadable = int(own.sum()) - len(legible)
-        if len(legible) < len(own):
-            messages = Messages(messages.records, *(one[legible] for one in messages[1:]))
-        names = tuple(dict.fromkeys(ports.values()))
-        columns = Rows.blank(len(legible), names, t_ns=messages.log_times)
-        kept = np.zeros(len(columns), np.bool_)
+        kinds = list(dict.fromkeys(kind for kind, _ in channels.values()))
+        ports = tuple(dict.fromkeys(port for _, port in channels.values()))
+        kind_codes, port_codes = np.zeros((2, 1 << 16), np.uint16)
+        for id_, (kind, port) in channels.items():
+            kind_codes[id_], port_codes[id_] = kinds.index(kind) + 1, ports.index(port)
+        codes = kind_codes.take(messages.channels).astype(np.int64)
+        legible = (messages.lengths < LONGEST) & (messages.log_times >= 0) & (codes > 0)
+        keys = (codes * LONGEST + messages.lengths) * legible
+        if len(kinds) < (1 << 16) // LONGEST:
+            keys = keys.astype(np.uint16)  # which numpy sorts in one pass
+        port_of = port_codes.take(messages.channels)
+        columns = Rows.blank(len(keys), ports, t_ns=messages.log_times, port=port_of)
+        kept = np.zeros(len(keys), np.bool_)
         more: list[tuple[Array, Rows]] = []
         events: dict[int, PortEvent] = {}
-        port_codes = np.zeros(1 << 16, np.uint16)
-        port_codes[list(ports)] = [names.index(port) for port in ports.values()]
-        columns.port[:] = port_codes.take(messages.channels)
-        for kind, length, alike in _alike(messages, types):
+        for own in groups_of(keys):
+            code, length = divmod(int(keys[own[0]]), LONGEST)
+            if not length:
+                continue
+            kind = kinds[code - 1]
             if kind.is_event:
-                own_events = _events(messages, alike, kind, ports)
-                events |= {int(legible[at]): event for at, event in own_events.items()}
-                unreadable += len(alike) - len(own_events)
+                events |= _events(messages, own, kind, columns)
             else:
-                good = self._decode_alike(messages, length, alike, kind, columns, more)
-                kept[good] = True
-                unreadable += len(alike) - len(good)
+                kept[self._decode_alike(messages, own, kind, columns, more)] = True
         places = np.flatnonzero(kept)
         rows = columns if len(places) == len(columns) else columns.select(places)
+        unreadable = int(np.count_nonzero(codes)) - len(places) - len(events)
         if more:
             places = np.concatenate([places, *(own for own, _ in more)])
             order = np.argsort(places, kind="stable")
             places = places[order]
             rows = Rows.concat([rows, *(rest for _, rest in more)]).select(order)
-        return Decoded(rows, legible[places], events, unreadable)
+        return Decoded(rows, places, events, unreadable)
 
     def _decode_alike(
         self,
         messages: Messages,
-        length: int,
-        rows: Array,
+        own: Array,
         kind: MessageType,
         columns: Rows,
         more: list[tuple[Array, Rows]],
     ) -> Array:
-        """Decode messages of one type and length; returns the rows that could be read.
-
-        `more` gets the rows beyond the 16th byte, with the indices of their messages.
-        """
-        known = self._skeletons.setdefault((id(kind), length), [])
+        """Decode messages of one type and length; returns the rows that could be read."""
+        length = int(messages.lengths[own[0]])
+        known = self._skeletons.setdefault((kind, length), [])
         padding = -length % _WORD
         every = at_every_byte(messages.records, length + padding)
-        windows = every[messages.starts[rows] + (MESSAGE_HEAD - padding)]
-        good, number = [np.empty(0, np.int64)], 0
-        while len(rows) and number < _MOST_SKELETONS:
+        windows = every[messages.starts[own] + (MESSAGE_HEAD - padding)]
+        good, number = [own[:0]], 0
+        while len(own) and number < _MOST_SKELETONS:
             if number == len(known):
                 try:
                     known.append(_Skeleton(kind, windows[0].tobytes()[padding:]))
                 except (DecodeError, AttributeError, KeyError, ValueError, IndexError):
-                    windows, rows = windows[1:], rows[1:]
+                    windows, own = windows[1:], own[1:]
                     continue
             skeleton, number = known[number], number + 1
             fits = skeleton.fitting(windows)
-            if not fits.any():
-                continue
-            alike = fits.all()
-            own, own_rows = (windows, rows) if alike else (windows[fits], rows[fits])
-            valid = skeleton.store(own, own_rows, columns)
-            good.append(own_rows[valid])
-            for first in range(MOST_BYTES, skeleton.size, MOST_BYTES):
-                more.append((good[-1], skeleton.rest(own[valid], columns.select(good[-1]), first)))
-            windows, rows = (windows[:0], rows[:0]) if alike else (windows[~fits], rows[~fits])
+            if fits.any():
+                good.append(skeleton.store(windows, fits, own[fits], columns, more))
+                windows, own = windows[~fits], own[~fits]
         return np.concatenate(good)
 
 
@@ -334,29 +334,13 @@ def heads_at(records: bytes, starts: Ints) -> Array:
     return at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
 
 
-def _alike(
-    messages: Messages, types: Mapping[int, MessageType]
-) -> Iterator[tuple[MessageType, int, Array]]:
-    """The messages of each type and length: their indices, in file order."""
-    kinds = list({id(one): one for one in types.values()}.values())
-    numbers = {id(one): number for number, one in enumerate(kinds)}
-    codes = np.zeros(1 << 16, np.int64)
-    codes[list(types)] = [numbers[id(one)] for one in types.values()]
-    keys = codes.take(messages.channels) * LONGEST + messages.lengths
-    if len(kinds) <= (1 << 16) // LONGEST:
-        keys = keys.astype(np.uint16)  # which numpy sorts in one pass
-    for rows in groups_of(keys):
-        code, length = divmod(int(keys[rows[0]]), LONGEST)
-        yield kinds[code], length, rows
-
-
 def _events(
-    messages: Messages, rows: Array, kind: MessageType, ports: Mapping[int, str]
+    messages: Messages, own: Array, kind: MessageType, columns: Rows
 ) -> dict[int, PortEvent]:
     """The events that can be read, by the index of their message."""
     found: dict[int, PortEvent] = {}
-    for row in rows.tolist():
-        port, t_ns = ports[int(messages.channels[row])], int(messages.log_times[row])
+    for row in own.tolist():
+        port, t_ns = columns.ports[columns.port[row]], int(messages.log_times[row])
         try:
             message = kind.parse(messages.message(row))
             (name,) = kind.members(message, "kind")
@@ -412,7 +396,6 @@ class Template:
         """The messages of some rows, as opaque values; fields of other kinds stay NaN."""
         messages = np.full(len(own), np.void(self._message))
         table, raw = messages.view(self._type), rows.raw[own]
-        columns = {"offset": rows.offset, "read_delay_ns": rows.delay_ns, "time_ns": rows.t_ns}
         for name in self._type.names or ():
             if name in self._fields:
                 start, wire = self._fields[name]
@@ -422,6 +405,6 @@ class Template:
                 table[name] = np.ndarray(len(raw), kind, raw, 0, raw.strides[:1])
             elif name == "cmd":
                 table[name] = raw[:, CMD_OFFSET]
-            elif name in columns:
-                table[name] = columns[name][own]
+            elif name in _NUMBERS:
+                table[name] = rows.columns[_NUMBERS[name]][own]
         return messages
