@@ -74,13 +74,6 @@ class LostBytes(NamedTuple):
     stop: int
     why: str
 
-    @property
-    def where(self) -> str:
-        """The bytes; a file that is cut off between two records lacks none of those before."""
-        if self.start == self.stop:
-            return TranslatableText("the end at byte {at}", at=self.start)
-        return TranslatableText("bytes {start} to {stop}", start=self.start, stop=self.stop)
-
 
 @dataclass(slots=True)
 class Contents:
@@ -92,7 +85,7 @@ class Contents:
     channels: dict[int, Channel] = field(default_factory=dict)
     messages: list[tuple[int, int]] = field(default_factory=list)
     """Where the messages outside of chunks are, which only other programs write."""
-    lost: list[LostBytes] = field(default_factory=list)
+    lost: set[LostBytes] = field(default_factory=set)
     library: str = ""
     """The library of the header."""
     statistics: Statistics | None = None
@@ -159,8 +152,8 @@ def _indexed(stream: BinaryIO) -> Contents | None:
     footer = file.read(max(end, 0), file.size)
     if end < len(MAGIC) or len(footer) < _FOOTER.size or file.read(0, len(MAGIC)) != MAGIC:
         return None
-    opcode, length, start, _, crc = _FOOTER.unpack_from(footer)
-    if (opcode, length) != (Opcode.FOOTER, 20) or not len(MAGIC) <= start < end or not crc:
+    *_, start, _, crc = _FOOTER.unpack_from(footer)
+    if not len(MAGIC) <= start < end:
         return None
     summary = file.read(start, end)
     if crc32(footer[: _FOOTER.size - 4], crc32(summary)) != crc:
@@ -198,7 +191,7 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     at = first or len(MAGIC)
     if not first and file.read(0, at) != MAGIC:
         at = at if _head_at(file, at) else 0
-        found.lost += [LostBytes(0, at, _RECORDS_LOST)] if at else []
+        found.lost |= {LostBytes(0, at, _RECORDS_LOST)} if at else set()
     before = at - 1
     """The start of the last record whose content agrees with its length, which may be damaged."""
     is_ended = is_growing
@@ -228,13 +221,10 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             # Behind the end of a file that is being written may be zeros, and a second end.
             at = file.size if is_growing else _next_chunk(file, stop, file.size)
             behind = stop + len(MAGIC)
-            if at < file.size:
-                is_joined = file.read(behind, behind + len(MAGIC)) == MAGIC
-                found.lost.append(LostBytes(stop, at, _JOINED if is_joined else _RECORDS_LOST))
-            elif not is_growing and _JUNK.match(file.read(stop, behind + HEAD.size)):
-                found.lost.append(LostBytes(behind, file.size, _BEHIND_END))
+            if not is_growing and _JUNK.match(file.read(stop, behind + HEAD.size)):
+                found.lost.add(LostBytes(behind, at, _BEHIND_END))
     if not is_ended:
-        found.lost.append(LostBytes(file.size, file.size, _END_LOST))
+        found.lost.add(LostBytes(file.size, file.size, _END_LOST))
     return found
 
 
@@ -259,9 +249,9 @@ def _after_damage(file: _Bytes, at: int, before: int, found: Contents) -> int:
     """
     following = _next_chunk(file, before + 1, file.size)
     start = at if at < following else max(before, 0)
-    found.lost = [one for one in found.lost if one.stop <= start]
+    found.lost = {one for one in found.lost if one.stop <= start}
     why = _END_LOST if following == file.size else _RECORDS_LOST
-    found.lost.append(LostBytes(start, following, why))
+    found.lost.add(LostBytes(start, following, why))
     return following
 
 
@@ -285,9 +275,6 @@ class _Bytes(NamedTuple):
 _JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\Z)")
 """An end of a file, and behind it neither the end of the file nor what a capture writes there."""
 _BEHIND_END: Final = TranslatableText("they are behind the end of the recording")
-_JOINED: Final = TranslatableText(
-    "another recording begins there, whose port names may replace those before; read both as files"
-)
 _RECORDS_LOST: Final = TranslatableText("damaged records")
 _END_LOST: Final = TranslatableText("the file is damaged or cut off there")
 
@@ -336,22 +323,23 @@ def _next_chunk(file: _Bytes, start: int, end: int) -> int:
 
 def unpack(body: bytes | memoryview) -> bytes:
     """The records of a chunk, which must have its checksum; raises DamagedError."""
+    damaged = DamagedError(TranslatableText("a chunk that does not unpack"))
     try:
         _, _, size, crc, name_size = _CHUNK_HEAD.unpack_from(body)
         name = body[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_size]
         packed = memoryview(body)[_CHUNK_HEAD.size + name_size + 8 :]
-        if size > LARGEST:
-            raise DamagedError(TranslatableText("a chunk of {size} bytes", size=size))
+        if size > LARGEST or (
+            name == b"zstd" and zstandard.frame_content_size(packed) not in (size, -1)
+        ):
+            raise damaged
         if name == b"zstd":
-            if zstandard.frame_content_size(packed) not in (size, -1):
-                raise DamagedError(TranslatableText("a chunk whose sizes do not agree"))
             records = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
         elif name == b"lz4":
             records = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         else:
             records = bytes(packed)
     except (struct.error, RuntimeError, EOFError, MemoryError, zstandard.ZstdError) as error:
-        raise DamagedError(TranslatableText("a chunk that does not unpack")) from error
+        raise damaged from error
     if len(records) != size or (crc and crc32(records) != crc):
         raise DamagedError(TranslatableText("a chunk whose checksum does not match"))
     return records

@@ -29,7 +29,6 @@ from fte_sniff.protocol.items import Chunk
 from fte_sniff.recording.chunks import (
     HEAD,
     Contents,
-    DamagedError,
     contents_of,
     records_in,
     unpack,
@@ -64,18 +63,16 @@ def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
                 yield Chunk(topic, t_ns if t_ns < _END_NS else None, payloads[id_](data))
     except OSError as error:
         raise unreadable(path, error) from error
-    except DamagedError as error:
-        raise FileError("{path}: {why}", path=path, why=error.args[0]) from error
     except ValueError as error:
-        raise FileError("{path}: {topic}: {why}", path=path, topic=topic, why=str(error)) from error
+        raise FileError("{path}: {why}", path=path, why=str(error)) from error
     names = sorted({channel.topic for channel in contents.channels.values()})
     for topic in set(topics).difference(names):
         has = listed(map(repr, names)) or TranslatableText("no topics at all")
         raise FileError(
             "{path} has no topic {topic}: it has {names}", path=path, topic=repr(topic), names=has
         )
-    for lost in contents.lost:
-        raise FileError("{path}: {where}: {why}", path=path, where=lost.where, why=lost.why)
+    for lost in sorted(contents.lost):
+        raise FileError("{path}: byte {at}: {why}", path=path, at=lost.start, why=lost.why)
 
 
 def _in_order(descriptor: int, contents: Contents, topics: Collection[str]) -> Iterator[_Message]:

@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
+from itertools import accumulate, groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -55,7 +56,6 @@ from fte_sniff.recording.schema import (
     EVENTS,
     TOPIC_BY_NAME,
     TOPICS,
-    Topic,
     message_class,
     schema_data,
     schema_name,
@@ -136,8 +136,7 @@ class Recording:
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
             # Without a summary, only the chunks have the definitions.
             first = [] if self.contents.is_indexed else self.contents.chunks[:1]
-            for part in _unpacked(file.fileno(), first):
-                self._define_from([part] if isinstance(part, Messages) else [])
+            self._define_from(_unpacked(file.fileno(), first))
             self._check(file, is_growing=is_growing)
 
     # What the file reports about itself
@@ -150,20 +149,16 @@ class Recording:
         return [PortFacts(name, number_in(baud)) for name, baud in facts.items()]
 
     @property
-    def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata records by name; of several with a name, the last."""
-        return {one.name: one.metadata for one in self.contents.metadata}
-
-    @property
     def facts(self) -> dict[str, str]:
         """The file's own metadata record: host, clock, ports, and its part of the capture."""
-        return self.metadata.get(PROGRAM, {})
+        own = [one.metadata for one in self.contents.metadata if one.name == PROGRAM]
+        return own[-1] if own else {}
 
     @property
     def count(self) -> int | None:
-        """The number of messages in the summary; None without a summary."""
+        """The number of messages, as the file claims; None if it does not."""
         statistics = self.contents.statistics
-        return statistics.message_count if statistics and self.contents.is_indexed else None
+        return statistics.message_count if statistics else None
 
     @property
     def times(self) -> tuple[int, int] | None:
@@ -191,14 +186,13 @@ class Recording:
     @property
     def losses(self) -> list[str]:
         """What could not be read so far, one line each."""
-        lost = sorted(self.contents.lost)
         lines: list[str] = [
-            TranslatableText("{where} could not be read: {why}", where=one.where, why=one.why)
-            for one in lost[:_MOST_LOSSES]
+            TranslatableText("bytes {start} to {stop} could not be read: {why}", **lost._asdict())
+            for lost in sorted(self.contents.lost)
         ]
-        if len(lost) > _MOST_LOSSES:
-            more = len(lost) - _MOST_LOSSES
-            lines.append(TranslatableText("{count} more damaged spans", count=more))
+        more = len(lines) - _MOST_LOSSES
+        if more > 0:
+            lines[_MOST_LOSSES:] = [TranslatableText("{count} more damaged spans", count=more)]
         return lines
 
     # Reading
@@ -230,8 +224,8 @@ class Recording:
         """
         within = [one for one in chunks if span.overlaps(one.first_ns, one.last_ns)]
         starts = {one.start for one in within}
-        between = (one for one in self.contents.lost if one.start not in starts)
-        lost = [one for one in between if starts and min(starts) < one.start < max(starts)]
+        lost = {one for one in self.contents.lost if one.start not in starts}
+        lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
         jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
         with ThreadPoolExecutor(_THREADS) as threads, self._open() as file:
             for group in _groups(sorted([*within, *lost], key=lambda one: one.start)):
@@ -261,7 +255,7 @@ class Recording:
             added = walk(file, sum(one.start for one in last), is_growing=not is_over)
         contents.chunks += added.chunks[len(last) :]
         contents.metadata += [one for one in added.metadata if one not in contents.metadata]
-        contents.lost += [one for one in added.lost if one not in contents.lost]
+        contents.lost |= added.lost
         contents.schemas |= added.schemas
         contents.channels |= added.channels
         return added.chunks[len(last) :]
@@ -269,8 +263,7 @@ class Recording:
     def is_intact(self) -> bool:
         """Whether all of the file can be read, also what a summary does not list."""
         with self._open() as file:
-            for lost in walk(file).lost:
-                self._note(lost)
+            self.contents.lost |= walk(file).lost
         for _ in self.items():
             pass
         return self.is_whole
@@ -311,25 +304,21 @@ class Recording:
 
     def _items_of(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
         """The rows, port events and gaps of a group that was unpacked."""
-        whole: list[tuple[ChunkRef | LostBytes, Messages]] = []
-        for one, part in zip(group, parts, strict=True):
+        whole: list[Messages] = []
+        for part in parts:
             if isinstance(part, Messages):
-                whole.append((one, part))
+                whole.append(part)
                 continue
-            yield from self._decode(whole)
+            yield from self._decode(group, whole)
             whole = []
-            self._note(part)
-            gap = Gap(GapKind.DAMAGE, reason=part.why)
-            if isinstance(one, ChunkRef):
-                gap = gap._replace(start_ns=one.first_ns, end_ns=one.last_ns)
-            yield gap
-        yield from self._decode(whole)
+            self.contents.lost.add(part)
+            yield Gap(GapKind.DAMAGE, reason=part.why)
+        yield from self._decode(group, whole)
 
-    def _decode(self, chunks: list[tuple[ChunkRef | LostBytes, Messages]]) -> Iterator[Item]:
-        """The rows and port events of consecutive chunks."""
-        if not chunks:
+    def _decode(self, group: _Group, parts: list[Messages]) -> Iterator[Item]:
+        """The rows and port events of consecutive chunks of a group."""
+        if not parts:
             return
-        parts = [messages for _, messages in chunks]
         self._define_from(parts if not self.contents.is_indexed else ())
         messages = Messages.joined(parts)
         used = np.flatnonzero(np.bincount(messages.channels)).tolist()
@@ -337,7 +326,7 @@ class Recording:
         found = self._decoder.decode(messages, channels)
         if found.unreadable:
             why = TranslatableText("{count} messages", count=found.unreadable)
-            self._note(LostBytes(chunks[0][0].start, chunks[-1][0].stop, why))
+            self.contents.lost.add(LostBytes(group[0].start, group[-1].stop, why))
         self._has_rows |= bool(len(found.rows) or found.events)
         done = 0
         for place, event in sorted(found.events.items(), key=itemgetter(0)):
@@ -347,16 +336,13 @@ class Recording:
             done = before
         yield from [found.rows[done:]] if done < len(found.rows) else []
 
-    def _note(self, lost: LostBytes) -> None:
-        if lost not in self.contents.lost:
-            self.contents.lost.append(lost)
-
-    def _define_from(self, chunks: Iterable[Messages]) -> None:
+    def _define_from(self, parts: Iterable[Messages | LostBytes]) -> None:
         """Apply the definitions at the beginning of chunks, which have a checksum."""
-        for one in chunks:
-            end = int(one.starts[0]) if len(one.starts) else None
-            for opcode, at, stop in records_in(one.records[:end]):
-                self.contents.define(opcode, one.records[at + HEAD.size : stop])
+        for one in parts:
+            if isinstance(one, Messages):
+                records = one.records[: one.starts[0] if len(one.starts) else None]
+                for opcode, at, stop in records_in(records):
+                    self.contents.define(opcode, records[at + HEAD.size : stop])
 
     def _channel(self, id_: int) -> tuple[MessageType, str] | None:
         """The message type and the port of a channel; None if it is not one of ours.
@@ -364,15 +350,18 @@ class Recording:
         A definition that is lost is that of this program, which numbers the channels of each port.
         """
         channel = self.contents.channels.get(id_)
+        schema = None
         if channel is not None and _is_ours(channel):
+            topic = TOPIC_BY_NAME[channel.topic]
             schema = self.contents.schemas.get(channel.schema_id)
-            if schema is not None:
-                with suppress(ValueError):
-                    return _type_of(schema.name, schema.data), self._port_of(id_)
-            return _own_type(TOPIC_BY_NAME[channel.topic]), self._port_of(id_)
-        if not id_ or not self._is_own:
+        elif id_ and self._is_own:
+            topic = TOPICS[(id_ - 1) % len(TOPICS)]
+        else:
             return None
-        return _own_type(TOPICS[(id_ - 1) % len(TOPICS)]), self._port_of(id_)
+        with suppress(ValueError):
+            if schema is not None:
+                return _type_of(schema.name, schema.data), self._port_of(id_)
+        return _type_of(schema_name(topic), schema_data(topic.schema)), self._port_of(id_)
 
     def _port_of(self, id_: int) -> str:
         """The port of a channel, or by the channel's number."""
@@ -429,10 +418,6 @@ def _is_ours(channel: Channel) -> bool:
     return is_protobuf and channel.topic in TOPIC_BY_NAME
 
 
-def _own_type(topic: Topic) -> MessageType:
-    return _type_of(schema_name(topic), schema_data(topic.schema))
-
-
 @lru_cache(maxsize=64)
 def _type_of(name: str, data: bytes) -> MessageType:
     """The messages of a schema; raises ValueError if it is not a usable one of ours."""
@@ -444,21 +429,12 @@ def _type_of(name: str, data: bytes) -> MessageType:
     return MessageType(own.FromString, names, is_event)
 
 
-def _size_of(one: ChunkRef | LostBytes) -> int:
-    return one.size if isinstance(one, ChunkRef) else 0
-
-
 def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
-    group, size = list[ChunkRef | LostBytes](), 0
-    for chunk in chunks:
-        size += _size_of(chunk)
-        if group and size > BATCH:
-            yield group
-            group, size = [], _size_of(chunk)
-        group.append(chunk)
-    if group:
-        yield group
+    sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
+    blocks = [total // BATCH for total in accumulate(sizes, initial=0)]
+    for _, own in groupby(zip(pairwise(blocks), chunks, strict=True), key=itemgetter(0)):
+        yield [one for _, one in own]
 
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
@@ -509,6 +485,3 @@ def _walked(records: bytes) -> Messages:
     ]
     starts = np.array(own, np.int64)
     return Messages.at(starts, heads_at(records, starts), records)
-
-
-_NO_MESSAGES: Final = _walked(b"")

@@ -78,4 +78,4 @@ def test_two_recordings_in_one_file_are_reported(run, samples: Path, tmp_path: P
     done = run("decode", joined, "--format", "csv")
     rows = sum(len(run("decode", samples / one, "--format", "csv").stdout.split()) for one in names)
     assert len(done.stdout.split()) == rows - 1
-    assert "another recording begins there, whose port names may replace" in done.stderr
+    assert "they are behind the end of the recording" in done.stderr

@@ -97,7 +97,7 @@ def test_the_bytes_are_extracted_with_their_times(
         ("cdr", MULTI, b"\0", "shorter than it says"),
         ("cdr", MULTI, b"\0\1\0\0" + b"\xff" * 4 + bytes(90), "shorter than it says"),
         ("cdr", MULTI, multi(b"123")[:-1], "shorter than it says"),
-        ("json", None, b"[1]", "/serial: its messages are json"),
+        ("json", None, b"[1]", "its messages are json"),
     ],
 )
 def test_a_message_without_bytes_is_an_error(
