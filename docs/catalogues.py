@@ -23,7 +23,6 @@ from fte_sniff import errors
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
-from fte_sniff.capture.serial_port import ControlLine
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.protocol.columns import COLUMNS
@@ -55,7 +54,7 @@ def table_texts() -> Iterator[str]:
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode
-    yield from (*ControlLine, *Status)
+    yield from Status
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()
     yield from Joint

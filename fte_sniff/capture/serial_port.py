@@ -19,7 +19,6 @@ import socket
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -42,11 +41,7 @@ BAUD_RANGE: Final = (50, 12_000_000)
 """Lowest and highest baud that is passed to a driver."""
 
 
-class ControlLine(StrEnum):
-    """What to do with DTR or RTS on opening."""
-
-    ON = "on"
-    OFF = "off"
+_LINE_STATES: Final = {True: TranslatableText("on"), False: TranslatableText("off")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +50,9 @@ class PortSettings:
 
     baud: int = DEFAULT_BAUD
     """Bits per second; ValueRangeError outside BAUD_RANGE."""
-    dtr: ControlLine = ControlLine.OFF
-    rts: ControlLine = ControlLine.OFF
+    dtr: bool = False
+    """Whether DTR is set on opening, rather than cleared."""
+    rts: bool = False
     share: bool = False
     """True to read a port that another program holds, and to leave its settings as they are."""
 
@@ -71,8 +67,8 @@ class PortSettings:
         return TranslatableText(
             "{baud} baud 8N1, DTR {dtr}, RTS {rts}",
             baud=self.baud,
-            dtr=TranslatableText(self.dtr),
-            rts=TranslatableText(self.rts),
+            dtr=_LINE_STATES[self.dtr],
+            rts=_LINE_STATES[self.rts],
         )
 
 
@@ -133,7 +129,7 @@ def _unopened(name: str, settings: PortSettings) -> serial.Serial:
         timeout=READ_TIMEOUT_S,
         exclusive=True,
     )
-    port.dtr, port.rts = (one is ControlLine.ON for one in (settings.dtr, settings.rts))
+    port.dtr, port.rts = settings.dtr, settings.rts
     return port
 
 

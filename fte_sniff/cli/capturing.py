@@ -238,14 +238,14 @@ def run_capture(
     are not given. `options` are the values of `capture_options`. Raises FteSniffError after
     everything is closed, if the capture failed.
     """
-    from fte_sniff.capture.serial_port import ControlLine, PortSettings
+    from fte_sniff.capture.serial_port import PortSettings
     from fte_sniff.capture.wiring import Wiring
 
     given, zone = SimpleNamespace(**options), settings.live.get("zone")
     baud = given.baud
     if baud is None:
         baud = settings.default(ports, "baud") or DEFAULT_BAUD
-    lines = ControlLine(given.dtr), ControlLine(given.rts)
+    lines = given.dtr == "on", given.rts == "on"
     reconnect = settings.live.get("reconnect", True)
     wiring = Wiring(ports, PortSettings(baud, *lines, share), way, link, pid, reconnect)
     plan = capture_plan(given, wiring)

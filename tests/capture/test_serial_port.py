@@ -13,7 +13,6 @@ from fte_sniff.capture.serial_port import (
     HOST_NS,
     USB_FRAME_NS,
     USB_UNKNOWN_NS,
-    ControlLine,
     PortSettings,
     device_of,
     max_latency_ns,
@@ -101,7 +100,7 @@ def test_a_baud_out_of_range_is_refused_with_the_range(baud):
 
 
 def test_settings_have_a_text():
-    settings = PortSettings(dtr=ControlLine.ON)
+    settings = PortSettings(dtr=True)
     assert str(settings) == "115200 baud 8N1, DTR on, RTS off"
     assert str(PortSettings(share=True)) == "shared, with the settings of the other program"
 

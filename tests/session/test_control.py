@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.capture.serial_port import ControlLine, PortSettings
+from fte_sniff.capture.serial_port import PortSettings
 from fte_sniff.capture.wiring import Wiring
 from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.recording.output_file import Existing
@@ -32,7 +32,7 @@ def test_state_is_one_line_that_gives_the_state() -> None:
 
 
 def test_plan_is_one_line_that_gives_the_plan() -> None:
-    settings = PortSettings(9600, dtr=ControlLine.ON)
+    settings = PortSettings(9600, dtr=True)
     plan = CapturePlan(
         Wiring(["/dev/ttyUSB0"], settings, "bridge", "/tmp/é"),
         Path("x.mcap"),
