@@ -12,7 +12,7 @@ from fte_sniff.cli.capturing import capture_options, run_capture
 from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import grouped_command
 from fte_sniff.cli.settings import load_settings
-from fte_sniff.errors import UsageError, printable
+from fte_sniff.errors import UsageError
 
 if TYPE_CHECKING:
     from fte_sniff.capture.wiring import Way
@@ -81,23 +81,13 @@ def command(
 
     if pid is not None and not attach:
         raise UsageError("--pid works with --attach; add it")
-    if attach:
-        check_attached(ports)
+    if attach and (sys.platform != "linux" or len(ports) > 1 or "://" in ports[0]):
+        raise UsageError("--attach takes one device, on Linux; try `fte-sniff bridge PORT`")
     if attach and share:
         raise UsageError("--attach does not open PORT, so there is nothing to share: leave one out")
 
     way: Way = "attach" if attach else "read"
     run_capture(ports, settings, way=way, pid=pid, share=share, **options)
-
-
-def check_attached(ports: tuple[str, ...]) -> None:
-    """Raise UsageError for what strace cannot watch."""
-    if sys.platform != "linux":
-        raise UsageError("--attach needs Linux; `fte-sniff bridge PORT` records both directions")
-    if len(ports) > 1:
-        raise UsageError("--attach takes one PORT: it shows both wires of it")
-    if "://" in ports[0]:
-        raise UsageError(f"--attach {printable(ports[0])}: only a device can be attached to")
 
 
 def _check_port(port: str) -> None:

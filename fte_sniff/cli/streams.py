@@ -114,20 +114,12 @@ def abandon_blocked() -> None:
     Call it from a signal handler: the interrupted write is retried and goes to /dev/null.
     """
     stdout, stderr = 1, 2
-    if _blocked(stderr):
-        abandon(stderr)
-    if _blocked(stdout):
-        abandon(stdout)
+    _, ready, _ = select.select([], [stdout, stderr], [], 0)
+    for descriptor in {stdout, stderr}.difference(ready):
+        abandon(descriptor)
+    if stdout not in ready:
         with suppress(OSError):
             os.write(stderr, b"nothing reads the output; the rest of it is not printed\n")
-
-
-def _blocked(descriptor: int) -> bool:
-    if not POSIX:
-        return False  # unknown
-    poll = select.poll()
-    poll.register(descriptor, select.POLLOUT)
-    return not poll.poll(0)
 
 
 OUTPUT_PATIENCE_S = 3.0
@@ -176,28 +168,20 @@ def ending_signals(
     def begin_end() -> None:
         nonlocal requested
         if POSIX and not requested:
+            signal.signal(signal.SIGALRM, lambda *_: abandon_blocked())
             signal.setitimer(signal.ITIMER_REAL, OUTPUT_PATIENCE_S, _REPEAT_S)
+            # During interpreter shutdown no Python handler runs; SIGALRM would kill.
+            atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
         requested = True
 
     def on_signal(*_: object) -> None:
         begin_end()
         stop()
 
-    def on_alarm(*_: object) -> None:
-        abandon_blocked()
-
     ignored = [number for number in HANG_UP if signal.getsignal(number) is signal.SIG_IGN]
-    handlers: dict[signal.Signals, Callable[..., None]]
-    handlers = {number: on_signal for number in numbers if number not in ignored}
-    if POSIX:
-        handlers[signal.SIGALRM] = on_alarm
-    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    before = {one: signal.signal(one, on_signal) for one in numbers if one not in ignored}
     try:
         yield begin_end
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_IGN if requested else handler)
-        if POSIX and requested:
-            signal.signal(signal.SIGALRM, on_alarm)
-            # During interpreter shutdown no Python handler runs; SIGALRM would kill.
-            atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)

@@ -89,13 +89,9 @@ class ItemFeed:
         self.rows += count
         return FeedUpdate(self.state(), Rows.concat(parts), events, changes)
 
-    def abandon(self) -> None:
-        """Read no further item; does not block."""
+    def close(self) -> None:
+        """Stop reading, and wait until it has stopped: it needs threads, which the exit ends."""
         self._abandoned.set()
-
-    def join(self) -> None:
-        """Wait until the thread has ended: it needs threads, which the exit ends."""
-        self.abandon()
         self._thread.join(CLOSE_WITHIN_S)
 
     def _read(self, items: Iterable[Item]) -> None:
@@ -146,14 +142,9 @@ class FileFeed(ItemFeed):
 
     def stop(self) -> None:
         """Stop reading; does not block."""
-        self.abandon()
+        self._abandoned.set()
         if self._follower is not None:
             self._follower.stop()
-
-    def close(self) -> None:
-        """Stop reading, and wait until it has stopped."""
-        self.stop()
-        self.join()
 
     def state(self) -> FeedState:
         """The state of the file."""

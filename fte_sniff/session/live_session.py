@@ -151,7 +151,7 @@ class LiveSession(ItemFeed):
         while not self.capture.is_ended:
             self._kill_if_overdue()
             self._states.join(WAIT_S)
-        self.join()
+        super().close()
         try:
             self._process.wait(END_WITHIN_S)
         except TimeoutExpired:

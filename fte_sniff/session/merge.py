@@ -157,7 +157,8 @@ def merged(streams: Iterable[Timed]) -> Generator[Item]:
     opened: list[tuple[Lane, Iterator[Item]]] = []
     while waiting or opened:
         first = min(opened, key=lambda one: one[0].reached, default=None)
-        if first is None or (waiting and _is_due(waiting[0], first[0].reached)):
+        due_ns = waiting[0].first_ns if waiting else None
+        if first is None or (due_ns is not None and due_ns < first[0].reached):
             one = waiting.popleft()
             lane = Lane(NEVER if one.first_ns is None else one.first_ns)
             opened.append((lane, one.open(bool(opened))))
@@ -173,7 +174,3 @@ def merged(streams: Iterable[Timed]) -> Generator[Item]:
         lane.reached = EVER
         merge.lanes = [lane for lane in merge.lanes if lane.reached < EVER or lane.waiting]
     yield from merge.take(final=True)
-
-
-def _is_due(one: Timed, t_ns: int) -> bool:
-    return one.first_ns is not None and one.first_ns < t_ns

@@ -16,6 +16,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -81,7 +82,7 @@ class Notes:
             starts[path] = min(starts.get(path, start), start)
         self._starts = sorted((start, path) for path, start in starts.items())
         self.damage: list[str] = []
-        """What could not be read, one line each."""
+        """Files that could not be read, one line each."""
         self.written: list[Path] = []
         """Files that were written."""
         self.notes: dict[RowKey, str] = {}
@@ -99,15 +100,9 @@ class Notes:
             text = "the notes in {path} are not read: {why}"
             self.damage.append(TranslatableText(text, path=path, why=reason_of(error)))
             return
-        unread = 0
-        for line in filter(str.strip, content.decode("utf-8", "replace").split("\n")):
-            try:
+        for line in content.decode("utf-8", "replace").split("\n"):
+            with suppress(ValueError, RecursionError):  # of another version, or damaged
                 self._apply(*parse_line(line))
-            except (ValueError, RecursionError):
-                unread += 1
-        if unread:
-            text = "{path}: {count:,} lines are not notes, and are ignored"
-            self.damage.append(TranslatableText(text, path=path, count=unread))
 
     def _apply(self, key: RowKey, text: str | None) -> None:
         if text is None:
