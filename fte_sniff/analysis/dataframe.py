@@ -11,8 +11,7 @@ answer_ms, unanswered    Float64, Boolean; motor_hint Int8; null in rows without
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -74,7 +73,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     if column.type is ColumnType.TEXT:
         # A device path may hold bytes that are not text; polars takes only valid Unicode.
         words = [str(word).encode(errors="replace").decode() for word in words]
-    return _looked_up(words, values, dtype)
+    return pl.Series(words, dtype=dtype).gather(pl.Series(values.astype(np.uint32)))
 
 
 _HEX_PAIRS: Final = np.frombuffer(
@@ -99,19 +98,6 @@ def known_only(numbers: Array, known: Bools | None) -> pl.Series:
     if known is None or known.all():
         return values
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
-
-
-@lru_cache(maxsize=64)
-def _words(words: Sequence[object], dtype: pl.DataType) -> pl.Series:
-    """The words as a series; a file may have many small batches."""
-    return pl.Series(words, dtype=dtype)
-
-
-def _looked_up(words: Iterable[object], codes: Array, dtype: pl.DataType) -> pl.Series:
-    found = _words(tuple(words), dtype)
-    if len(codes) and (codes == codes[0]).all():
-        return found.new_from_index(int(codes[0]), len(codes))
-    return found.gather(pl.Series(codes.astype(np.uint32)))
 
 
 def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:

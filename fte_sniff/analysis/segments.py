@@ -226,10 +226,9 @@ def extent_of(table: Table) -> Counts:
     ends = (int(t_ns.min()), int(t_ns.max())) if len(t_ns) else (None, None)
     numbers = (len(at), int(rows.framed[at].sum()), len(t_ns), *ends)
     names = ("sum rows", "sum frames", "sum timed", "least t", "greatest t")
-    hidden = pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique()
     return {
         "extent": pl.DataFrame([numbers], dict.fromkeys(names, pl.Int64), orient="row"),
-        "hidden": hidden,
+        "hidden": pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}),
     }
 
 

@@ -19,7 +19,7 @@ import polars as pl
 
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
-from fte_sniff.analysis.segments import Analysis, Counts
+from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import PortEventKind
@@ -83,10 +83,8 @@ def counted(table: Table) -> Counts:
             {"port": [*bauds], "last baud": [*bauds.values()]},
             {"port": pl.String, "last baud": pl.Int64},
         ),
-        "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}).unique(
-            maintain_order=True
-        ),
-        "hidden": pl.DataFrame({"hidden_by": table.hidden_by}, {"hidden_by": pl.String}).unique(),
+        "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}),
+        **extent_of(table),
     }
     return {name: _named(own, ports, sources) for name, own in found.items()}
 
@@ -123,12 +121,7 @@ def _events(table: Table) -> pl.DataFrame:
     names = ("sum count", "sum total", "least t", "greatest t")
     found = [(one.port, str(one.kind), 1, one.count, one.t_ns, one.t_ns) for one in table.events]
     schema = {"port": pl.String, "event": pl.String, **dict.fromkeys(names, pl.Int64)}
-    frame = pl.DataFrame(found, schema, orient="row")
-    return frame.group_by("port", "event", maintain_order=True).agg(
-        *(pl.col(name).sum() for name in names[:2]),
-        pl.col("least t").min(),
-        pl.col("greatest t").max(),
-    )
+    return pl.DataFrame(found, schema, orient="row")
 
 
 ANALYSIS: Final = Analysis(counted)
@@ -138,29 +131,27 @@ ANALYSIS: Final = Analysis(counted)
 
 
 def statistics(counts: Counts, baud: int = DEFAULT_BAUD) -> Json:
-    """The numbers of what was counted; `baud` is that of ports for which none was named.
+    """The numbers of counts that were summed; `baud` is that of ports for which none was named.
 
     The keys of the object that depend on the inputs (`version`, `notes`, ...) are not in it.
     """
-    rows, files = counts["rows"], list(_files(counts))
-    hidden = bool(len(counts["hidden"]))
+    rows, files, is_hidden = counts["rows"], list(_files(counts)), len(counts["hidden"]) > 0
     times = [(one["first_time"], one["last_time"]) for one in files if one["rows"]]
     in_order = all(
         None not in (before, after) and before <= after
         for (_, before), (after, _) in pairwise(times)
     )
-    extent = _extent(rows)
-    ends_ns = rows["least t"].min(), rows["greatest t"].max()
+    first_ns, last_ns = counts["extent"].select("least t", "greatest t").row(0)
     return {
-        **extent,
-        "duration_s": None if ends_ns[0] is None else (ends_ns[1] - ends_ns[0]) / 1e9,  # type: ignore[operator]
+        **_extent(rows),
+        "duration_s": None if first_ns is None else (last_ns - first_ns) / 1e9,
         "status": _statuses(rows),
         "files": files,
         "ports": [
             _port(counts, port, baud if own is None else own)
             for port, own in counts["bauds"].iter_rows()
         ],
-        "motors": [_motor(counts, motor, known=in_order and not hidden) for motor in MOTORS],
+        "motors": [_motor(counts, motor, known=in_order and not is_hidden) for motor in MOTORS],
     }
 
 

@@ -15,8 +15,9 @@ ROWS = st.lists(st.from_type(Row), max_size=12)
 
 @given(ROWS)
 def test_a_frame_has_the_values_of_the_records(rows: list[Row]) -> None:
-    plain = row_frame(Rows.of(rows)).with_columns(
+    plain = table_frame(Rows.of(rows)).with_columns(
         pl.col("time").cast(pl.Int64),
+        pl.col("faults").cast(pl.List(pl.String)),
         *(
             pl.col(column.name).cast(pl.String)
             for column in COLUMNS

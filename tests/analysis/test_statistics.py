@@ -22,7 +22,7 @@ from tests.analysis.test_segments import tables
 
 def stats_of(steps: list[Row | Item]) -> dict[str, Any]:
     """The statistics of one table."""
-    return by_port(statistics(counted(table_of(steps))))
+    return by_port(statistics(summed([counted(table_of(steps))])))
 
 
 def by_port(found: dict[str, Any]) -> dict[str, Any]:

@@ -140,8 +140,6 @@ class RowFilter:
     """A compiled filter; made by `parse`."""
 
     text: str
-    names: frozenset[str]
-    """Columns that it reads."""
     expression: pl.Expr = field(compare=False, repr=False)
     """True, false or null for every row of a `row_frame`."""
 
@@ -151,13 +149,12 @@ class RowFilter:
 
         `zone` is that of times without one, by default UTC.
         """
-        expression = _Parser(text, zone or UTC).parse()
-        return cls(text, frozenset(expression.meta.root_names()), expression)
+        return cls(text, _Parser(text, zone or UTC).parse())
 
     @property
     def needs_facts(self) -> bool:
         """Whether it reads a column that depends on other rows."""
-        return not DERIVED.isdisjoint(self.names)
+        return not DERIVED.isdisjoint(self.expression.meta.root_names())
 
     def matches(self, rows: Rows) -> Bools:
         """Whether each row passes; a null does not."""
@@ -301,7 +298,7 @@ class _Parser:
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
         """A mistake with its position."""
         before, after = (
-            printable(self._text[one]) for one in (slice(max(0, at - 24), at), slice(at, at + 24))
+            printable(one) for one in (self._text[max(0, at - 24) : at], self._text[at : at + 24])
         )
         return FilterError(
             'filter: {what} at character {at} of "{excerpt}"' + (f"; {fix}" if fix else ""),
