@@ -351,7 +351,13 @@ def input_options(
         def with_query(**options: Any) -> Any:
             known = {one.name for one in fields(InputQuery)} & options.keys()
             query = InputQuery(**{name: options.pop(name) for name in known})
-            check_inputs(query.files, options.get("output"))
+            if query.files.count(STDIN) > 1:
+                raise UsageError("'-' is standard input, which can be read once; name it once")
+            output = options.get("output")
+            if output is not None and any(is_same_file(path, output) for path in query.files):
+                raise UsageError(
+                    f"{output} is an input, and would be lost; name another file with -o"
+                )
             return command(query=query, **options)
 
         rows = (filter_option, span_options) if filters else (span_options,)
@@ -483,17 +489,6 @@ class InputQuery:
         return Follower(Recording(path, is_growing=True))
 
 
-def check_inputs(files: Sequence[Path], output: Path | None = None) -> None:
-    """Refuse an invalid list of inputs before anything is opened.
-
-    Raises UsageError if standard input is named twice, or the output is one of the inputs.
-    """
-    if files.count(STDIN) > 1:
-        raise UsageError("'-' is standard input, which can be read once; name it once")
-    if output is not None and any(is_same_file(path, output) for path in files):
-        raise UsageError(f"{output} is an input, and would be lost; name another file with -o")
-
-
 def _in_quotes(text: str) -> str:
     """A filter as a word of a shell: in double quotes if it has single ones."""
     is_plain = "'" in text and not any(one in text for one in '"$`\\!')
@@ -505,7 +500,10 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if path == STDIN:
         pipe = _InterruptiblePipe(sys.stdin.fileno(), closefd=False)
         name, stream = STDIN_NAME, BufferedReader(pipe)
-    kind = query.kind or kind_of(name, stream.peek(1) if stream else _first_bytes(path))
+    first = stream.peek(1) if stream else _first_bytes(path)
+    if not first:
+        raise FileError(f"{name} is empty; there is nothing to read")
+    kind = query.kind or kind_of(name, first)
     baud = query.baud or DEFAULT_BAUD
     if kind is InputKind.MCAP:
         if stream is not None:

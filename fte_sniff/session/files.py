@@ -36,15 +36,13 @@ def files_of(path: Path) -> Iterator[Path]:
 
 def _found(path: Path) -> Iterator[Path]:
     if path.is_dir():
-        found = sorted(entry for entry in path.glob(f"*{_SUFFIX}") if entry.is_file())
-        if not found:
-            raise FileError(f"{path} is a directory without a recording (*{_SUFFIX}) in it")
-        yield from found
+        start, pattern = path, f"*{_SUFFIX}"
     elif _PATTERN.intersection(str(path)) and not path.exists():
-        start = Path(path.anchor)
-        found = sorted(start.glob(str(path.relative_to(start))))
-        if not found:
-            raise FileError(f"{path}: no file matches this pattern; check the name and the folder")
-        yield from found
+        start, pattern = Path(path.anchor), str(path.relative_to(path.anchor))
     else:
         yield path
+        return
+    found = sorted(one for one in start.glob(pattern) if one.is_file())
+    if not found:
+        raise FileError(f"{path}: no file matches {pattern}; check the name and the folder")
+    yield from found

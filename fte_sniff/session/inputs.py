@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import sys
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from fte_sniff.analysis.tally import Tally
@@ -61,19 +60,12 @@ class InputKind(StrEnum):
     HEX = "hex"
 
 
-KIND_OF_SUFFIX: Mapping[str, InputKind] = MappingProxyType(
-    {
-        ".mcap": InputKind.MCAP,
-        ".bin": InputKind.RAW,
-        ".raw": InputKind.RAW,
-        ".hex": InputKind.HEX,
-        ".txt": InputKind.HEX,
-        ".log": InputKind.HEX,
-        ".csv": InputKind.HEX,
-        ".jsonl": InputKind.HEX,
-    }
-)
-"""By file name suffix, in lower case."""
+_SUFFIXES: Final = {
+    InputKind.MCAP: {".mcap"},
+    InputKind.RAW: {".bin", ".raw"},
+    InputKind.HEX: {".hex", ".txt", ".log", ".csv", ".jsonl"},
+}
+"""Of file names, in lower case."""
 
 
 def kind_of(name: str, first: bytes) -> InputKind:
@@ -83,9 +75,9 @@ def kind_of(name: str, first: bytes) -> InputKind:
     hold no bytes of the wire.
     """
     refuse_known(name, first)
-    named = KIND_OF_SUFFIX.get(Path(name).suffix.lower())
-    if named is not None:
-        return named
+    for kind, suffixes in _SUFFIXES.items():
+        if Path(name).suffix.lower() in suffixes:
+            return kind
     if first.startswith(_MCAP_MAGIC):
         return InputKind.MCAP
     return InputKind.HEX if is_text(first) else InputKind.RAW
@@ -196,16 +188,12 @@ def chunk_input(
         return tally.times
 
     def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
-        is_empty = True
         try:
             for rows in rows_of_chunks(chunks, note, baud):
-                is_empty = False
                 yield rows if span is None else rows.select(span.mask(rows.t_ns))
         finally:
             for text in notes():
                 note(f"{name}: {text}")
-        if is_empty:
-            raise FileError(f"{name} is empty; there is nothing to read")
 
     return Input(name, read, times, first_ns, [PortFacts(port) for port in ports or [name]], count)
 
@@ -457,7 +445,7 @@ class InputReading:
             for item in one.read(self.span, self.notes.append):
                 if isinstance(item, Rows):
                     count += len(item)
-                elif isinstance(item, PortEvent) and item.kind in _TROUBLES:
+                elif isinstance(item, PortEvent) and item.kind in _GAP_EVENTS:
                     troubles[item.kind] += 1
                 yield item
         except FileError as error:
@@ -495,17 +483,6 @@ class InputReading:
                 continue
             yield item
 
-
-_TROUBLES: Final = frozenset(
-    {
-        PortEventKind.OVERRUN,
-        PortEventKind.LINE_ERROR,
-        PortEventKind.LOST,
-        PortEventKind.NOT_PASSED_ON,
-        PortEventKind.SHARED,
-    }
-)
-"""Events that report bytes of a recording as missing or damaged."""
 
 _ANOTHER: Final = TranslatableText("another recording begins here")
 
