@@ -18,23 +18,19 @@ from __future__ import annotations
 
 import codecs
 import re
-import select
 from binascii import a2b_base64
-from collections import defaultdict
-from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections import Counter, defaultdict
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Sequence
 from functools import lru_cache, partial
-from itertools import chain, product
-from math import inf
+from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from typing import BinaryIO, Final, NamedTuple, NoReturn
+from typing import BinaryIO, Final, NamedTuple
 
 from fte_sniff.errors import FileError, InputTextError, quoted
-from fte_sniff.formats.log_text import LONGEST_LINE, has_control_codes, text_blocks
+from fte_sniff.formats.log_text import LONGEST_LINE, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
-from fte_sniff.platform import POSIX
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Direction, byte_time_ns
 
@@ -106,8 +102,7 @@ FORMS: Final = tuple(
     Form(name, re.compile(rf"(?<![0-9A-Za-z\\$%#])(?>{run}){_END}(?![\\$%#]\w)"), bytes_of)
     for name, run, bytes_of in (
         ("hex pairs", _PAIRS, _hex),
-        ("hex digits", r"(?:0[xX]|\\x)?(?:[0-9A-Fa-f]{2})++", _hex),
-        ("hex groups", rf"{_GROUP}(?: {_GROUP})*+", _hex),
+        ("hex digits", rf"(?:0[xX]|\\x)?(?:{_GROUP}(?: {_GROUP})++|(?:[0-9A-Fa-f]{{2}})++)", _hex),
         ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, _INT_16)),
         ("decimal", _DECIMALS, partial(_numbers, int)),
         ("octal", rf"(?:{_OCTAL}(?: {_OCTAL})*+|{_OCTAL_WORD}(?: {_OCTAL_WORD})*+)", _octal),
@@ -183,19 +178,18 @@ class Heading(NamedTuple):
     time: re.Match[str] | None = None
 
 
+Style = re.Pattern[str] | None
 Found = Sequence[tuple[Entry, Heading]]
 Lane = tuple[str, str]
 """What runs with data have in common: the last word before them, and the sign between two bytes."""
 _FEW: Final = 4
 """Bytes of a run from which on it is not a number by accident."""
-_CUTS: Final = [slice(a or None, -b or None) for a, b in product(range(5), range(3))]
-"""What may be beside the data of each run: up to four bytes before, and two behind them."""
+_MOST_BEFORE, _MOST_BEHIND = 4, 2
+"""Bytes beside the data of each run, at most, such as a length before or a checksum behind it."""
 _MANY: Final = 5
 """Runs that show it."""
 _LEAST_SHARE: Final = 0.05
 """Of the bytes of a form in frames."""
-_CLEAN: Final = 0.8
-"""Of the bytes between them, how many are in frames."""
 
 
 def _in_frames(data: bytes) -> int:
@@ -208,15 +202,13 @@ def _score(data: bytes) -> float:
     return _in_frames(data) - 0.05 * (len(data) - _in_frames(data))
 
 
-def _best_cut(runs: Sequence[bytes]) -> slice:
-    """Which bytes of each run are data: the most with the most frames."""
-
-    def score(cut: slice) -> float:
-        data = b"".join(run[cut] for run in runs)
-        is_clean = cut is _CUTS[0] or _in_frames(data) >= _CLEAN * len(data)
-        return _score(data) if is_clean else -inf
-
-    return max(_CUTS if len(runs) >= _MANY else _CUTS[:1], key=score)
+def _cut(runs: Sequence[bytes]) -> slice:
+    """Which bytes of each run are data: without what is beside the frame in most runs."""
+    frames = ((run, _FRAME.search(run)) for run in runs)
+    beside = Counter((one.start(), len(run) - one.end()) for run, one in frames if one)
+    (before, behind), number = max(beside.items(), key=itemgetter(1), default=((0, 0), 0))
+    is_cut = before <= _MOST_BEFORE and behind <= _MOST_BEHIND and 2 * number > len(runs) > _MANY
+    return slice(before or None, -behind or None) if is_cut else slice(None)
 
 
 def _are_twins(one: bytes, other: bytes) -> bool:
@@ -261,20 +253,15 @@ def _by(found: Found, label: Label) -> ItemsView[str, bytes]:
 class LineReader:
     """How lines with bytes in a form are read, as the first ones show; keeps the headings."""
 
-    def __init__(
-        self,
-        form: Form,
-        lines: Sequence[str],
-        style: re.Pattern[str] | None,
-        pattern: re.Pattern[str] | None,
-    ) -> None:
+    def __init__(self, form: Form, lines: Sequence[str], style: Style, pattern: Style) -> None:
         """Decide which lanes have data, and whether times and ways are beside or above them."""
         self.form, self._style, self._pattern = form, style, pattern
         self._cuts: dict[Lane, slice] = {}
         """By lane with frames, which bytes of a run are data: none if another lane has them too."""
         self._has_words_behind = False
         """Whether words may be behind a short run."""
-        self._above, self._heads, self._skipped, self._example = Heading(), True, 0, ""
+        self._above, self._heads, self._stamps = Heading(), True, 0
+        self._skipped, self._example = 0, ""
         if pattern is None:
             self._learn_lanes(lines)
         self._learn_wires([*self._entries(lines)])
@@ -284,18 +271,17 @@ class LineReader:
 
     def _learn_lanes(self, lines: Iterable[str]) -> None:
         lanes, all_data = defaultdict[Lane, list[bytes]](list), list[bytes]()
-        ends = defaultdict[Lane, set[bool]](set)
         for text, _ in map(self._masked, lines):
             for run in self.form.run.finditer(text):
                 lane, data = self._lane(text, run), self._bytes(run)
                 lanes[lane].append(data)
-                ends[lane] |= {_is_last(text, run.end())} if len(data) >= _FEW else set()
+                is_last = _is_last(text, run.end())
+                self._has_words_behind |= not is_last and _FRAME.search(data) is not None
         for lane, runs in lanes.items():
             if _FRAME.search(data := b"".join(runs)):
                 is_twin = any(_are_twins(data, other) for other in all_data)
-                self._add(lane, slice(0) if is_twin else _best_cut(runs))
+                self._add(lane, slice(0) if is_twin else _cut(runs))
                 all_data.append(data)
-                self._has_words_behind |= False in ends[lane]
 
     def _add(self, lane: Lane, cut: slice) -> None:
         for one in (lane, (lane[0], "")):  # a single byte has no sign
@@ -334,6 +320,7 @@ class LineReader:
 
     def _is_heading(self, text: str, time: re.Match[str] | None) -> bool:
         """Whether a line without data has a time or names a way, for the lines below."""
+        self._stamps += time is not None
         way, above = way_in(text), self._above
         self._above = Heading(way or above.way, text or above.text, time or above.time)
         return way != "" or time is not None
@@ -379,25 +366,20 @@ class LineReader:
     def _learn_wires(self, found: Found) -> None:
         stamps = sum(entry.time is not None for entry, _ in found)
         are_beside = 0 < len(found) <= 2 * stamps
-        self._times_above = not are_beside and any(above.time for _, above in found)
+        self._times_above = not are_beside and 0 < self._stamps <= 2 * len(found)
         self.has_times = are_beside or self._times_above
         are_above = 2 * sum(entry.way != "" for entry, _ in found) < len(found)
-        self._label = _WAY_ABOVE if are_above else _WAY_BESIDE
-        self._names: Mapping[str, str] | None = None
-        """Ways by label; None if the labels are ways."""
-        if len({self._label(*one) for one in found} - {""}) <= 1:
+        self._way = label = _WAY_ABOVE if are_above else _WAY_BESIDE
+        if len({label(*one) for one in found} - {""}) <= 1:
             named = ((one, _ways_of_names(found, one)) for one in (_NAME_BESIDE, _NAME_ABOVE))
-            self._label, self._names = next(filter(itemgetter(1), named), (_WAY_BESIDE, {}))
-        self._heads = self._times_above or self._label in (_WAY_ABOVE, _NAME_ABOVE)
+            label, names = next(filter(itemgetter(1), named), (_WAY_BESIDE, {}))
+            self._way = lambda entry, above: names.get(label(entry, above), "")
+        self._heads = self._times_above or label in (_WAY_ABOVE, _NAME_ABOVE)
         self.wires = dict(_by(found, self._way))
         """The data of the first lines, by their ways."""
         self.score = sum(map(_score, self.wires.values()))
         size = sum(map(len, self.wires.values()))
         self.has_frames = sum(map(_in_frames, self.wires.values())) > _LEAST_SHARE * size
-
-    def _way(self, entry: Entry, above: Heading) -> str:
-        label = self._label(entry, above)
-        return label if self._names is None else self._names.get(label, "")
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
         """The way, the time and the data of each line with data."""
@@ -417,16 +399,11 @@ class LineReader:
 
     def notes(self) -> Iterator[str]:
         """What is not read, one line each; complete after reading."""
-        example = quoted(self._example.strip()[:80])
-        if self._skipped == 1:
-            yield f"one line holds no bytes: {example}"
-        elif self._skipped:
-            yield f"{self._skipped:,} lines hold no bytes, for example {example}"
+        if self._skipped:
+            example = quoted(self._example.strip()[:80])
+            yield f"lines without bytes: {self._skipped:,}, for example {example}"
         if any(cut not in (slice(None), slice(0)) for cut in self._cuts.values()):
-            yield (
-                "the same bytes before or behind the frames of each line, such as a length or a"
-                " checksum, are left out"
-            )
+            yield "bytes beside each frame, such as a length or a checksum, are left out"
 
 
 class PlainReader:
@@ -454,8 +431,6 @@ class PlainReader:
 
 _SAMPLES: Final = 200, 2_000, 20_000
 """Lines that decide how a log is read; more only if they hold no frames."""
-_SILENT_S: Final = 1.0
-"""A pipe that is silent so long, seconds, is decided by fewer lines, if they hold frames."""
 _LONGEST_SAMPLED: Final = 4096
 """Characters of each of them."""
 
@@ -469,10 +444,10 @@ class Log:
         """A log to read once, from a stream or the file of that name.
 
         Raises:
-            FileError: the file cannot be read, or holds no text.
+            FileError: the file cannot be read.
             InputTextError: no frames are found in its first lines.
         """
-        self.name, self.options, self._stream = name, options or LogOptions(), stream
+        self.name, self.options = name, options or LogOptions()
         self._blocks = text_blocks(stream or Path(name))
         self._decide()
 
@@ -491,21 +466,11 @@ class Log:
             while len(lines) < count and (block := next(self._blocks, "")):
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
-                if self._is_silent() and self._has_frames(lines):
-                    break
             if self._has_frames(lines[:count]) or len(lines) <= count:
                 break
         self._blocks = chain(seen, self._blocks)
         if not self._reader.has_frames:
-            self._refuse(lines[:count])
-
-    def _is_silent(self) -> bool:
-        """Whether a pipe has nothing more to read for now, as with `tail -f`."""
-        if self._stream is None or not POSIX:
-            return False
-        with suppress(OSError, ValueError):  # not a pipe, but bytes in memory
-            return not select.select([self._stream], [], [], _SILENT_S)[0]
-        return False
+            raise InputTextError(f"{self.name}: {_reason(lines[:count], self._readers)}")
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
         """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
@@ -518,21 +483,6 @@ class Log:
             self._reader = best if best.has_frames and plain.score < best.score else plain
         return self._reader.has_frames
 
-    def _refuse(self, lines: Sequence[str]) -> NoReturn:
-        text = "\n".join(lines)
-        if has_control_codes(text):
-            raise FileError(
-                f"{self.name}: holds no text; if it holds raw bytes, add --input raw; if the tool"
-                " wrote bytes as characters among text, record again with its display of hex"
-            )
-        if _are_lost(text):
-            raise InputTextError(
-                f"{self.name}: the program that wrote it replaced bytes from 80 on, AA and EE among"
-                " them, by U+FFFD, so they are lost; record again as raw bytes, or with a display"
-                " of hex"
-            )
-        raise InputTextError(f"{self.name}: {_nothing_found(lines, self._readers)}")
-
     def chunks(self) -> Iterator[Chunk]:
         """The bytes of each line, with the time of the line or of the heading above it.
 
@@ -543,22 +493,19 @@ class Log:
             FileError: a line is too long.
         """
         reader, size, unfinished = self._reader, 0, False
+        is_timed = reader.has_times
         start_ns, byte_ns = self.options.start_ns, byte_time_ns(self.options.baud)
         for block in self._blocks:
             if unfinished and isinstance(reader, LineReader):
-                raise FileError(
-                    f"{self.name}: has a line longer than {LONGEST_LINE >> 20} MB, and such a line"
-                    " is read only if it is plain hex; write each record on a line"
-                )
+                what = f"has a line longer than {LONGEST_LINE >> 20} MB that is not plain hex"
+                raise FileError(f"{self.name}: {what}; write each record on a line")
             unfinished = not block.endswith("\n")
             try:
                 for way, time, data in reader.read(block):
-                    size += len(data)
-                    is_timed, t_ns = reader.has_times, None
+                    size += len(data)  # bytes without times follow each other at the baud
+                    t_ns = None if start_ns is None else start_ns + size * byte_ns
                     if is_timed:
                         t_ns = self._clock.time_ns(time)
-                    elif start_ns is not None:  # bytes follow each other at the baud
-                        t_ns = start_ns + size * byte_ns
                     yield Chunk(self._port(way), t_ns, data, is_late=is_timed, at_once=is_timed)
             except InputTextError as error:
                 raise InputTextError(f"{self.name}: {error}") from error
@@ -592,15 +539,15 @@ _IN_ANY_TEXT: Final = ("quoted escapes", "base64")
 """Forms whose runs are found in texts without bytes."""
 
 
-def _nothing_found(lines: Sequence[str], readers: Iterable[LineReader]) -> str:
-    """What to say of a text without frames: the two forms that come nearest."""
-    nothing = f"no frames found in {len(lines):,} line{'' if len(lines) == 1 else 's'}"
+def _reason(lines: Sequence[str], readers: Iterable[LineReader]) -> str:
+    """Why a text is refused; without frames, the two forms that come nearest."""
+    if _are_lost("\n".join(lines)):
+        return (
+            "it holds no text, or its program replaced bytes from 80 on, AA and EE among them, by"
+            " U+FFFD, so they are lost; record again as raw bytes, or with a display of hex"
+        )
     near = [one.nearest(lines) for one in readers if one.form.name not in _IN_ANY_TEXT]
     near.sort(key=lambda one: -one[0])
     shown = " or as ".join(text for size, text in near[:2] if size)
-    if not shown:
-        return f"{nothing}, and no bytes in any form; --input-regex says where the bytes are"
-    return (
-        f"{nothing}; it could be read as {shown}; check the baud of the recording, or say with"
-        " --input-regex where the bytes are"
-    )
+    form = f"it could be read as {shown}; check the baud" if shown else "no bytes in any form"
+    return f"no frames in lines 1 to {len(lines):,}; {form}; --input-regex says where the bytes are"

@@ -42,8 +42,6 @@ def text_blocks(source: BinaryIO | Path) -> Iterator[str]:
 
 def _line_blocks(read: Callable[[int], bytes]) -> Iterator[bytes]:
     data, pending = read(_BLOCK), b""
-    while 0 < len(data) < 2 and (more := read(_BLOCK)):  # a mark of the encoding
-        data += more
     encoding = _MARKS.get(data[:2], "")
     decoder = codecs.getincrementaldecoder(encoding)("replace") if encoding else None
     while data:
@@ -60,15 +58,8 @@ def _line_blocks(read: Callable[[int], bytes]) -> Iterator[bytes]:
 
 
 def _cleaned(data: bytes) -> str:
-    text = _decoded(_NULS.sub(_skipped, data) if b"\0" in data else data)
-    if text.isascii() and "\0" not in text and "\x1b" not in text:
-        return text
+    text = _decoded(_NULS.sub(b"\n# skipped NUL bytes, as a power cut leaves them\n", data))
     return _ESCAPE.sub("", text).translate(_PLAIN)
-
-
-def _skipped(nuls: re.Match[bytes]) -> bytes:
-    """A line in place of a block of NUL; a comment in plain hex."""
-    return b"\n# skipped %d NUL bytes, as a power cut leaves them\n" % len(nuls[0])
 
 
 def _decoded(data: bytes) -> str:
@@ -88,9 +79,4 @@ def is_text(first: bytes) -> bool:
     if first[:2] in _MARKS or not first:
         return True
     decoded = _decoded(first[:-4] if len(first) > 64 else first)
-    return not has_control_codes(decoded) and "\ufffd" not in decoded
-
-
-def has_control_codes(text: str) -> bool:
-    """Whether a text has control codes other than white space and colours."""
-    return _CONTROL.search(text) is not None
+    return not _CONTROL.search(decoded) and "\ufffd" not in decoded

@@ -20,7 +20,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 _SECOND: Final = 10**9
@@ -116,9 +115,8 @@ class LogClock:
 
     def _clock_ns(self, found: re.Match[str]) -> int:
         day, early, clock, fraction, late, zone, year = found.group(*_PARTS)
-        named = f"{day} {year or ''}" if day else ""
-        half, default = early or late or "", self._options.zone or UTC
-        t_ns = _moment_ns(named, clock, half, zone, default, self._day, self._day_first)
+        when = _date(f"{day} {year or ''}", self._day, self._day_first) if day else self._day
+        t_ns = _moment_ns(when, clock, early or late or "", zone, self._options.zone or UTC)
         t_ns += int(fraction.ljust(9, "0")) if fraction else 0
         if not day and self._last_ns is not None and t_ns < self._last_ns - _DAY // 2:
             self._day += timedelta(days=1)
@@ -140,23 +138,16 @@ class LogClock:
         if self._source and without:
             yield f"its times have no {without}; {self._source}; --date 2026-01-31 sets it"
         if self._ambiguous:
-            order = "day" if self._day_first else "month"
-            yield (
-                f"its dates, such as {self._ambiguous}, could be day or month first, and are read"
-                f" {order} first; --date 2026-01-31 sets the first date"
-            )
+            order = f"{'day' if self._day_first else 'month'} first; --date 2026-01-31 decides it"
+            yield f"its dates, such as {self._ambiguous}, are read {order}"
         if clocks and self._options.zone is None and not all(one["zone"] for one in clocks):
             yield "its times name no zone, and are taken as UTC; --zone +08:00 sets it"
         if self._read == self._seconds_ns and self.style and self._options.start_ns is None:
-            yield (
-                f"its times count seconds from a start, and are shown as from {iso_time(0)[:10]};"
-                " --start 2026-01-31T12:00:00Z sets it"
-            )
+            start = "are shown as from 1970-01-01; --start 2026-01-31T12:00:00Z sets it"
+            yield f"its times count seconds from a start, and {start}"
         if self._odd:
-            yield (
-                f"times that step back, are missing, or not between 1970 and 2262: {self._odd:,};"
-                " rows keep the one before"
-            )
+            odd = "times that step back, are missing, or not between 1970 and 2262"
+            yield f"{odd}: {self._odd:,}; rows keep the one before"
 
 
 def _column(before: str) -> re.Pattern[str]:
@@ -178,17 +169,8 @@ def _times_in(lines: Sequence[str], seconds: re.Pattern[str]) -> list[re.Match[s
 
 
 @lru_cache(4096)
-def _moment_ns(
-    named: str,
-    clock: str,
-    half: str,
-    zone: str | None,
-    default: tzinfo,
-    near: date,
-    day_first: bool,
-) -> int:
-    """The time of a second; raises ValueError if there is no such date."""
-    day = _date(named, near, day_first) if named else near
+def _moment_ns(day: date, clock: str, half: str, zone: str | None, default: tzinfo) -> int:
+    """The time of a second."""
     hour, minute, second = map(int, re.findall(r"\d\d?", clock))
     if half:
         hour = hour % 12 + 12 * (half in "pP下午")
@@ -201,6 +183,7 @@ _WORDS: Final = re.compile(r"(\d+|[A-Za-z]{3})[a-z]*")
 """The numbers of a date, and the first letters of its month."""
 
 
+@lru_cache(64)
 def _date(text: str, near: date, day_first: bool) -> date:
     """The day of a date, without a year that of a near one; raises ValueError if there is none."""
     words = _WORDS.findall(text)

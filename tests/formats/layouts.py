@@ -346,14 +346,6 @@ def windbg(log: Sequence[Sent]) -> str:
     )
 
 
-def intel_hex(log: Sequence[Sent]) -> str:
-    data, text = b"".join(sent.data for sent in log), ""
-    for at in range(0, len(data), 16):
-        record = bytes([len(data[at : at + 16]), *at.to_bytes(2, "big"), 0]) + data[at : at + 16]
-        text += f":{(record + bytes([-sum(record) & 0xFF])).hex().upper()}\n"
-    return f"{text}:00000001FF\n"
-
-
 def bus_hound(log: Sequence[Sent]) -> str:
     text = "Device  Length  Phase  Data                    Description\n"
     for sent in log:
@@ -382,7 +374,6 @@ def zephyr(log: Sequence[Sent]) -> str:
 
 OTHERS |= {
     "WinDbg": windbg,
-    "Intel HEX": intel_hex,
     "Bus Hound": bus_hound,
     "HHD, two headings": two_headings,
     "Zephyr, two lines": zephyr,
