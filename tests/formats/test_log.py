@@ -339,6 +339,12 @@ def test_time_above_holds_for_the_lines_below() -> None:
         assert (row.t_ns or 0) // 10**6 - midnight == starts[row.port[-2:]].pop(0)
 
 
+def test_times_of_a_program_that_starts_and_ends_are_not_those_of_the_bytes() -> None:
+    stamped = "[14:03:21.248] monitor v2\n[14:03:21.253] connected\n{}\n[14:03:25.595] closed\n"
+    rows, _ = rows_of(stamped.format(spaced(b"".join(one.data for one in a_log(0)))))
+    assert {row.t_ns for row in rows} == {None}
+
+
 @pytest.mark.parametrize(("unit", "scale"), [("s", 10**9), ("ms", 10**6), ("us", 1000), ("ns", 1)])
 def test_unit_of_times_is_that_of_their_heading(unit: str, scale: int) -> None:
     frame = frame_of(KINDS[4], random.Random(1))
