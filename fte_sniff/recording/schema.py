@@ -68,24 +68,22 @@ MALFORMED: Final = Topic("/fte/malformed", "Malformed", KINDS)
 EVENTS: Final = Topic("/fte/port", "PortEvent")
 
 
-def _names_of(kind: FrameKind) -> tuple[str, tuple[str, ...]]:
-    """The schema of a kind, and the last component of each of its topics, with its slash."""
-    if kind.names_motor:
-        motors = tuple(f"/motor{motor}" for motor in MOTORS)
-        return f"Motor{kind.direction.capitalize()}", motors
-    if kind.fields:
-        return "Chassis", ("/chassis",)
-    return kind.name.capitalize(), (f"/{kind.name}",)
+def _topic_name(kind: FrameKind, motor: int) -> str:
+    """The topic of a kind of frame: of each motor, of the chassis, or of its own."""
+    own = f"motor{motor}" if kind.names_motor else "chassis" if kind.fields else kind.name
+    return f"/fte/{kind.direction}/{own}"
 
 
 def _frame_topics() -> Iterator[Topic]:
-    kinds_of: dict[tuple[str, str], list[FrameKind]] = {}
+    kinds_of: dict[str, dict[FrameKind, None]] = {}
     for kind in KINDS:
-        schema, names = _names_of(kind)
-        for name in names:
-            kinds_of.setdefault((schema, f"/fte/{kind.direction}{name}"), []).append(kind)
-    for (schema, name), kinds in kinds_of.items():
-        yield Topic(name, schema, tuple(kinds))
+        for motor in MOTORS:
+            kinds_of.setdefault(_topic_name(kind, motor), {})[kind] = None
+    for name, (kind, *more) in kinds_of.items():
+        schema = "Chassis" if kind.fields else kind.name.capitalize()
+        if kind.names_motor:
+            schema = f"Motor{kind.direction.capitalize()}"
+        yield Topic(name, schema, (kind, *more))
 
 
 TOPICS: Final[tuple[Topic, ...]] = (*_frame_topics(), MALFORMED, EVENTS)
@@ -97,10 +95,9 @@ def _topic_codes() -> Codes:
     """By kind code and NUM: the index in `TOPICS`."""
     codes = np.full((NO_KIND + 1, 256), TOPICS.index(MALFORMED), np.uint8)
     for code, kind in enumerate(KINDS):
-        _, names = _names_of(kind)
-        own = [TOPICS.index(TOPIC_BY_NAME[f"/fte/{kind.direction}{name}"]) for name in names]
-        nums = list(MOTORS) if kind.names_motor else slice(None)
-        codes[code, nums] = own
+        for motor in MOTORS:
+            nums = motor if kind.names_motor else slice(None)
+            codes[code, nums] = TOPICS.index(TOPIC_BY_NAME[_topic_name(kind, motor)])
     return codes
 
 

@@ -115,26 +115,21 @@ class AppendFile:
         self._write(head + tail, 0)
         self._sync()
 
-    @property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return self.end + len(self._tail)
-
     def append(self, data: bytes, tail: bytes, *, waits: bool = True) -> None:
         """Write data and a new tail.
 
         Raises LostDataError if another program took the file; or another OSError, and the file has
         its old tail then.
         """
-        start, size, new = self.end, self.size, data + tail
+        start, size, new = self.end, self.end + len(self._tail), data + tail
         after = max(start + len(new), size)
         private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
         self._output.check(size)
         try:
-            self._write(END, after)
-            self._settle(after + len(END), waits=waits)
+            self._write(self._tail, after)
+            self._settle(after + len(self._tail), waits=waits)
             self._write(private + new[HEAD.size :], start)
-            self._settle(after + len(END), waits=waits)
+            self._settle(after + len(self._tail), waits=waits)
             self._write(new[: HEAD.size], start)
             os.ftruncate(self._output.descriptor, start + len(new))
             self._settle(start + len(new), waits=waits)

@@ -29,34 +29,55 @@ def frame(text: str) -> list[ExplainedField]:
     return dissect(Row("p", 0, raw, None, frame_faults(raw)))
 
 
-def damage(text: str, fault: Fault) -> list[ExplainedField]:
-    return dissect(Row("p", 0, bytes.fromhex(text), None, (fault,), framed=False))
-
-
 def named(fields: list[ExplainedField], name: str) -> ExplainedField:
     (field,) = [field for field in fields if field.name == name]
     return field
 
 
 @pytest.mark.parametrize(
-    ("text", "fault", "meanings"),
+    ("text", "fault", "field", "words"),
     [
+        ("AA 00 00 00 00 00 00 00 00 EE", None, "reserve", "the protocol states no value"),
+        ("55 01 01 03 E8 00 00 00 0F EE", None, "reserve", "the protocol shows 00"),
+        ("AA 09 01 03 E8 00 00 27 10 EE", Fault.UNKNOWN_CMD, "cmd", "expected 00-03, found 09"),
+        ("AA 02 00 03 E8 00 00 27 10 EE", Fault.BAD_MOTOR, "motor", "expected 01-04, found 00"),
         (
-            "AA 01 02 03 E8 00 00 00 00 EF",
-            Fault.BAD_TAIL,
-            ["CMD: speed", "motor (driver) number", "target speed", "reserve", "tail"],
+            *("AA 01 01 03 E8 00 05 00 00 EE", Fault.RESERVED_NONZERO, "reserve"),
+            "the protocol states no value expected 00 00 00 00, found 00 05 00 00",
         ),
-        ("AB 01 02 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, ["CMD", "unknown", "unknown", "tail"]),
-        ("AA 77 02 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, ["CMD", "unknown", "unknown", "tail"]),
+        (
+            *("55 01 01 03 E8 00 01 00 0F EE", Fault.RESERVED_NONZERO, "reserve"),
+            "the protocol shows 00 expected 00 00, found 00 01",
+        ),
+        ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
+        ("AA 01 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
+        ("AA 77 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
+        ("AA B2", Fault.TRUNCATED, "missing", "8 of a frame's 10 bytes"),
+        ("AA 01 01 00 00 EE", Fault.TRUNCATED, "missing", "4 of a frame's 10 bytes are missing"),
+        ("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG, "extra", "2 bytes too many"),
+        ("01 AA 03", Fault.NOISE, "noise", ""),
     ],
 )
-def test_a_frame_with_one_wrong_end_is_explained_as_far_as_it_is_known(
-    text: str, fault: Fault, meanings: list[str]
+def test_a_fault_is_at_its_bytes_with_what_was_expected(
+    text: str, fault: Fault | None, field: str, words: str
 ) -> None:
-    fields = damage(text, fault)
-    for field, meaning in zip(fields[1:], meanings, strict=True):
-        assert field.meaning.startswith(meaning)
-    assert [field.name for field in fields if field.fault] == [fault.value.removeprefix("bad_")]
+    raw = bytes.fromhex(text)
+    framed = fault in {None, Fault.UNKNOWN_CMD, Fault.BAD_MOTOR, Fault.RESERVED_NONZERO}
+    found = dissect(Row("p", 0, raw, None, (fault,) if fault else (), framed=framed))
+    own = named(found, field)
+    assert own.fault is fault
+    assert words in f"{own.meaning} {own.note}"
+    assert [one.name for one in found if one.fault] == ([field] if fault else [])
+
+
+def test_damage_is_explained_as_far_as_it_is_known() -> None:
+    for text, words in {
+        "AA 01 02 03 E8 00 00 00 00 EF": ["CMD: speed", "motor", "target speed", "reserve", "tail"],
+        "AA 77 02 03 E8 00 00 00 00 EF": ["CMD", "unknown", "unknown", "tail"],
+    }.items():
+        row = Row("p", 0, bytes.fromhex(text), None, (Fault.BAD_TAIL,), framed=False)
+        for field, word in zip(dissect(row)[1:], words, strict=True):
+            assert field.meaning.startswith(word)
 
 
 def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
@@ -77,91 +98,11 @@ def test_flags_bit_by_bit_claim_no_more_than_is_known() -> None:
     assert online.fault is Fault.UNDEFINED_FLAGS
 
 
-@pytest.mark.parametrize(
-    ("text", "field", "fault", "note"),
-    [
-        (
-            "AA 09 01 03 E8 00 00 27 10 EE",
-            "cmd",
-            Fault.UNKNOWN_CMD,
-            "expected 00-03, found 09",
-        ),
-        (
-            "AA 02 00 03 E8 00 00 27 10 EE",
-            "motor",
-            Fault.BAD_MOTOR,
-            "expected 01-04, found 00",
-        ),
-        ("AA 01 01 03 E8 00 05 00 00 EE", "reserve", Fault.RESERVED_NONZERO, "found 00 05"),
-    ],
-)
-def test_a_fault_in_a_frame_is_at_its_byte(text: str, field: str, fault: Fault, note: str) -> None:
-    found = named(frame(text), field)
-    assert found.fault is fault
-    assert note in found.note
-
-
-@pytest.mark.parametrize(
-    ("text", "faults", "meaning", "note"),
-    [
-        ("AA 00 00 00 00 00 00 00 00 EE", (), "the protocol states no value", ""),
-        ("AA 01 01 03 E8 FF FF FF FF EE", (), "the protocol states no value", ""),
-        (
-            "AA 01 01 03 E8 00 00 00 05 EE",
-            (Fault.RESERVED_NONZERO,),
-            "the protocol states no value",
-            "expected 00 00 00 00, found 00 00 00 05",
-        ),
-        ("55 01 01 03 E8 00 00 00 0F EE", (), "the protocol shows 00", ""),
-        (
-            "55 01 01 03 E8 00 01 00 0F EE",
-            (Fault.RESERVED_NONZERO,),
-            "the protocol shows 00",
-            "expected 00 00, found 00 01",
-        ),
-    ],
-)
-def test_the_reserve_is_explained_by_what_the_document_states(
-    text: str, faults: tuple[Fault, ...], meaning: str, note: str
-) -> None:
-    row = Row("p", 0, bytes.fromhex(text), None, faults)
-    reserve = named(dissect(row), "reserve")
-    assert meaning in reserve.meaning
-    assert (reserve.fault, reserve.note) == (faults[0] if faults else None, note)
-
-
 @pytest.mark.parametrize("speed", ["00 00", "00 0A", "FF F6", "00 EE", "80 00"])
 def test_a_move_to_the_side_has_its_erratum_without_a_fault(speed: str) -> None:
     sideways = named(frame(f"AA 03 00 00 14 {speed} 00 00 EE"), "vy_cm_s")
     assert sideways.fault is None
     assert ("(erratum 3)" in sideways.note) == (speed != "00 00")
-
-
-@pytest.mark.parametrize(
-    ("text", "fault", "field", "note"),
-    [
-        ("AB 01 01 03 E8 00 00 00 00 EE", Fault.BAD_HEADER, "header", "AA or 55, found AB"),
-        ("AA 01 01 03 E8 00 00 00 00 EF", Fault.BAD_TAIL, "tail", "expected EE, found EF"),
-        ("AA B2", Fault.TRUNCATED, "missing", ""),
-        ("AA", Fault.TRUNCATED, "missing", ""),
-        ("AA EE", Fault.TRUNCATED, "missing", ""),
-        ("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG, "extra", ""),
-        ("01 AA 03", Fault.NOISE, "noise", ""),
-    ],
-)
-def test_damage_names_the_byte_at_fault(text: str, fault: Fault, field: str, note: str) -> None:
-    found = named(damage(text, fault), field)
-    assert found.fault is fault
-    assert note in found.note
-
-
-def test_missing_and_extra_bytes_are_counted() -> None:
-    missing = named(damage("AA 01 01 00 00 EE", Fault.TRUNCATED), "missing")
-    assert (missing.offsets, missing.raw) == (range(6, 6), b"")
-    assert "4 of a frame's 10 bytes are missing" in missing.meaning
-    extra = named(damage("AA 01 01 03 E8 00 00 12 34 00 00 EE", Fault.OVERLONG), "extra")
-    assert extra.raw == b"\x00\xee"
-    assert "2 bytes too many" in extra.meaning
 
 
 @given(st.integers(0, 10_000), st.sampled_from(["ordinary", "hostile"]), st.booleans())

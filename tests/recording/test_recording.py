@@ -320,9 +320,11 @@ def test_a_recording_can_be_opened_while_its_end_is_replaced(tmp_path: Path) -> 
     path = tmp_path / "x.mcap"
     rows = [Rows.of([row]) for row in some_rows(1000)]
     with RecordingWriter(path, [PortFacts("p")]) as writer:
+        writer.write(rows[0])
+        writer.flush()  # the definitions are in a chunk now, which stays as it is
 
         def record() -> None:
-            for row in rows:
+            for row in rows[1:]:
                 writer.write(row)
                 writer.flush(waits=False)
 
