@@ -197,7 +197,9 @@ class Strace:
             try:
                 call = call_of(line.decode("ascii"), self._device)
             except ValueError:
-                yield from self._unreadable(line)
+                detail = TranslatableText("bytes may be lost: a line of strace cannot be read")
+                for name in self._names:
+                    yield self._event(name, PortEventKind.OVERRUN, detail)
             else:
                 yield from self._of_call(call, ahead_ns) if call is not None else ()
 
@@ -211,13 +213,6 @@ class Strace:
                 call=call.name,
             )
             yield self._event(name, PortEventKind.OVERRUN, detail, call.missing)
-
-    def _unreadable(self, line: bytes) -> Iterator[Item]:
-        """Report a line that is cut, on the wires whose bytes it may have had."""
-        reason = TranslatableText("bytes may be lost: a line of strace cannot be read")
-        names = [self._names[0]] * (b"read" in line) + [HOST] * (b"write" in line)
-        for name in names or self._names:
-            yield self._event(name, PortEventKind.OVERRUN, reason)
 
     def _followed(self) -> Iterator[Item]:
         """Watch the port that the target has opened in place of this one, if it has."""

@@ -17,7 +17,7 @@ import termios
 import time
 import tty
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -183,10 +183,6 @@ class HostEnd:
 
     def __init__(self, link: Path | None = None) -> None:
         """Create the device, then a link to it; raises FileError if that cannot be created."""
-        if link is not None and is_pseudo_terminal(str(link)) and not link.exists():
-            # A killed run left it. First, as a new device often reuses the number it points to.
-            with _link_errors(link):
-                link.unlink(missing_ok=True)
         self._descriptor, theirs = os.openpty()
         os.set_blocking(self._descriptor, False)
         tty.setraw(theirs)
@@ -200,8 +196,7 @@ class HostEnd:
         self._poll.register(self._descriptor, select.POLLIN)
         if link is not None:
             try:
-                with _link_errors(link):
-                    link.symlink_to(self._device)
+                _make_link(link, self._device)
             except FileError:
                 os.close(self._descriptor)
                 raise
@@ -257,12 +252,15 @@ class HostEnd:
             os.close(theirs)
 
 
-@contextmanager
-def _link_errors(link: Path) -> Iterator[None]:
-    """Raise FileError for what happens to a link."""
+def _make_link(link: Path, device: str) -> None:
+    """Make a link to a device in place of one that a killed run left; raises FileError."""
     named = printable(str(link))
     try:
-        yield
+        # A new device often has the number of the one to which that link leads.
+        is_left = not link.exists() or os.path.realpath(link) == device
+        if is_pseudo_terminal(str(link)) and is_left:
+            link.unlink(missing_ok=True)
+        link.symlink_to(device)
     except FileExistsError as error:
         raise FileError(f"{named} exists already: remove it, or name another") from error
     except (OSError, ValueError) as error:

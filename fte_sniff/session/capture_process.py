@@ -42,11 +42,7 @@ SLOW_S = 1.0
 _REPORT_EVERY_S = 0.25
 
 SETTLED = 10
-"""Valid frames of one direction after which a wire is known to carry it."""
-
-UNEXPECTED = 3
-"""Valid frames of a direction that another wire carries, after which it is reported; one can be
-chance."""
+"""Valid frames of one direction after which a wire is known to carry it; one can be chance."""
 
 
 # The loop
@@ -82,14 +78,15 @@ class Wire:
 
     def push(self, chunk: Chunk) -> None:
         """Frame a chunk."""
-        self.put(self.silence.observe(chunk))
+        if (event := self.silence.observe(chunk)) is not None:
+            self.lane.put(event)
         self.framer.push(chunk)
         self._now_ns = chunk.t_ns or 0
         if chunk.data:
             self._read_ns = max(self._read_ns, self._now_ns)
 
-    def drain(self) -> Rows:
-        """Put what was decided into the lane, and return it; move the lane's watermark.
+    def drain(self) -> None:
+        """Put what was decided into the lane, and move its watermark.
 
         The next row begins at the first undecided byte. Without one, it does not begin before the
         last read with bytes, nor longer than `REACH_NS` before the last read.
@@ -105,12 +102,6 @@ class Wire:
         if next_ns is None:
             next_ns = max(self._read_ns, self._now_ns - REACH_NS)
         self.lane.reached = next_ns - self._uncertainty_ns
-        return rows
-
-    def put(self, event: PortEvent | None) -> None:
-        """Put an event that comes after what was drained."""
-        if event is not None:
-            self.lane.put(event)
 
 
 class CaptureLoop:
@@ -151,9 +142,9 @@ class CaptureLoop:
             elif self._remaining != 0:
                 self._process_chunk(item)
         self._is_ending = True
-        for port, wire in self._wires.items():
+        for wire in self._wires.values():
             wire.framer.end()
-            self._drain(port)
+        self._drain()
         self._emit(final=True)
         with self._writing():
             self._recorder.close()
@@ -196,60 +187,56 @@ class CaptureLoop:
         self._undrained += len(chunk.data)
         if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
             self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS[self.shows_rows], 0
-            for port in self._wires:
-                self._drain(port)
+            self._drain()
             self._emit()
-            wire = self._wires[chunk.port]
-            wire.put(self._clock_step(chunk.port, now_ns))
+            self._watch_clock(chunk.port)
             with self._writing():
                 self._recorder.flush_if_due(now_ns, at_once=self.shows_rows)
 
-    def _drain(self, port: str) -> None:
-        wire = self._wires[port]
-        rows = wire.drain()
-        if len(rows):
-            wire.put(self._mixed(port, int(rows.t_ns[-1])))
-
-    def _mixed(self, port: str, t_ns: int) -> PortEvent | None:
-        """The report, once, that a wire carries the direction of another one."""
-        own = self._wires[port]
-        for name, other in self._wires.items():
-            both = (other.frames >= SETTLED) & (own.frames >= UNEXPECTED)
-            if other is not own and both.any() and not self._is_mixed:
-                self._is_mixed = True
-                detail = TranslatableText(
-                    "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
-                    "adapters on one wire; connect each adapter's RX to its own wire",
-                    direction=tuple(Direction)[int(both.argmax())],
-                    other=name,
-                )
-                return PortEvent(t_ns, port, PortEventKind.WIRING, detail)
-        return None
-
-    def _clock_step(self, port: str, now_ns: int) -> PortEvent | None:
-        step_ns = self._clock_watch.step(self._clock.system_ahead_ns())
-        if not step_ns:
-            return None
+    def _drain(self) -> None:
+        """Drain all wires, and report once that two of them carry the same direction."""
+        for wire in self._wires.values():
+            wire.drain()
+        settled = np.array([wire.frames >= SETTLED for wire in self._wires.values()])
+        shared = np.flatnonzero(settled.sum(axis=0) > 1)
+        if self._is_mixed or not len(shared):
+            return
+        self._is_mixed = True
+        is_one = settled[:, shared[0]]
+        first, second, *_ = (name for name, one in zip(self._wires, is_one, strict=True) if one)
         detail = TranslatableText(
-            "this machine's clock was set by {seconds:+.3f} s; "
-            "times in this capture continue evenly from its start",
-            seconds=step_ns / 1e9,
+            "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
+            "adapters on one wire; connect each adapter's RX to its own wire",
+            direction=tuple(Direction)[shared[0]],
+            other=second,
         )
-        return PortEvent(now_ns, port, PortEventKind.CLOCK_SET, detail)
+        event = PortEvent(self._now_ns, first, PortEventKind.WIRING, detail)
+        self._wires[first].lane.put(event)
+
+    def _watch_clock(self, port: str) -> None:
+        """Report a step of this machine's clock with a port."""
+        if step_ns := self._clock_watch.step(self._clock.system_ahead_ns()):
+            detail = TranslatableText(
+                "this machine's clock was set by {seconds:+.3f} s; "
+                "times in this capture continue evenly from its start",
+                seconds=step_ns / 1e9,
+            )
+            event = PortEvent(self._now_ns, port, PortEventKind.CLOCK_SET, detail)
+            self._wires[port].lane.put(event)
 
     def _process_event(self, event: PortEvent) -> None:
         wire = self._wires[event.port]
         is_break = event.kind in _BREAKS
         if is_break:
             wire.framer.end()
-        self._drain(event.port)  # rows before the event keep their places and times
+        wire.drain()  # rows before the event keep their places and times
         if is_break:
             wire.framer.finish()
         if event.kind in (PortEventKind.LOST, PortEventKind.CLOSED):
             wire.silence.lost()
         if event.kind is PortEventKind.BAUD_CHANGED and event.count:
             wire.framer.set_baud(event.count)
-        wire.put(event)
+        wire.lane.put(event)
         self._emit()
 
     def _emit(self, *, final: bool = False) -> None:
