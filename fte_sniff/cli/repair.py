@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from fte_sniff.cli.input_files import FileName, output_options, print_notes, summary
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import OutputFormat
 from fte_sniff.recording.output_file import Existing
+from fte_sniff.recording.reader import Recording
+from fte_sniff.session.inputs import InputReading, recording_input
 from fte_sniff.session.save import exported, is_same_file
-
-if TYPE_CHECKING:
-    from fte_sniff.recording.reader import Recording
-    from fte_sniff.session.inputs import InputReading
 
 
 @click.command(name="repair", short_help="Repair a damaged recording.")
@@ -32,15 +29,12 @@ def command(file: Path, output: Path | None, force: bool) -> None:
     fte-sniff repair cut.mcap
     fte-sniff repair cut.mcap -o repaired.mcap
     """
-    from fte_sniff.recording.reader import Recording
-
-    if not file.name:
-        raise FileError(f"{file} is a directory; name a recording in it")
+    recording = Recording(file)
     target = output or file.with_name(f"{file.stem}-repaired{file.suffix}")
     if is_same_file(target, file):
         raise UsageError(f"{target} is the damaged file itself; name another with -o")
     existing = Existing.REPLACE if force else Existing.REFUSE
-    reading = repaired(Recording(file), target, existing)
+    reading = repaired(recording, target, existing)
     if reading is None:
         print_err(f"{file} is whole; there is nothing to repair")
         return
@@ -55,8 +49,6 @@ def repaired(recording: Recording, target: Path, existing: Existing) -> InputRea
     Returns what was read; None if the recording is intact, and no file is written then. Raises
     FileError if no row can be read of a file with data, or the new file cannot be written.
     """
-    from fte_sniff.session.inputs import InputReading, recording_input
-
     if recording.is_intact():
         return None
     reading = InputReading([recording_input(recording)])

@@ -65,7 +65,6 @@ from fte_sniff.recording.skeletons import (
     MessageDecoder,
     Messages,
     MessageType,
-    heads_at,
 )
 
 SUFFIX: Final = ".mcap"
@@ -460,20 +459,20 @@ _ENTRY: Final = 16
 
 def _indexed(indexes: bytes, records: bytes) -> Messages | None:
     """The messages in a chunk's index records; None if they do not tile its records."""
-    found, at = [np.empty(0, "<u8")], 0
+    places, at = [np.empty(0, "<u8")], 0
     while at + _INDEX_HEAD <= len(indexes):
         length = HEAD.unpack_from(indexes, at)[1]
         body = indexes[at + _INDEX_HEAD : at + HEAD.size + length]
-        found.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
+        places.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
         at += HEAD.size + length
-    starts = np.sort(np.concatenate(found).view("<i8"), kind="stable")  # a merge of sorted runs
+    starts = np.sort(np.concatenate(places).view("<i8"), kind="stable")  # a merge of sorted runs
     if not len(starts) or starts[0] < 0 or int(starts[-1]) + MESSAGE_HEAD > len(records):
         return None
-    heads = heads_at(records, starts)
-    stops = np.append(starts[1:], len(records))
-    tile = starts + HEAD.size + heads["length"] == stops
-    fits = tile & (heads["opcode"] == Opcode.MESSAGE) & (stops - starts >= MESSAGE_HEAD)
-    return Messages.at(starts, heads, records) if fits.all() else None
+    found = Messages.at(starts, records)
+    is_message = np.frombuffer(records, np.uint8)[starts] == Opcode.MESSAGE
+    fits = is_message & (found.lengths >= 0)
+    fits &= starts + MESSAGE_HEAD + found.lengths == np.append(starts[1:], len(records))
+    return found if fits.all() else None
 
 
 def _walked(records: bytes) -> Messages:
@@ -483,5 +482,4 @@ def _walked(records: bytes) -> Messages:
         for opcode, at, stop in records_in(records)
         if opcode == Opcode.MESSAGE and stop - at >= MESSAGE_HEAD
     ]
-    starts = np.array(own, np.int64)
-    return Messages.at(starts, heads_at(records, starts), records)
+    return Messages.at(np.array(own, np.int64), records)

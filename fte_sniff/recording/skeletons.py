@@ -77,8 +77,9 @@ class Messages(NamedTuple):
     """Nanoseconds since 1970 UTC; negative from the year 2262 on."""
 
     @classmethod
-    def at(cls, starts: Ints, heads: Array, records: bytes) -> Messages:
-        """The messages at some offsets, with these heads."""
+    def at(cls, starts: Ints, records: bytes) -> Messages:
+        """The messages whose records begin at some offsets."""
+        heads = at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
         lengths = heads["length"] - (MESSAGE_HEAD - HEAD.size)
         return cls(records, starts, lengths, heads["channel"].astype(int), heads["log"].copy())
 
@@ -92,11 +93,6 @@ class Messages(NamedTuple):
         columns = zip(*(one[2:] for one in parts), strict=True)
         records = b"".join(one.records for one in parts)
         return cls(records, np.concatenate(starts), *map(np.concatenate, columns))
-
-    def message(self, at: int) -> bytes:
-        """One message, without its head."""
-        start = int(self.starts[at]) + MESSAGE_HEAD
-        return self.records[start : start + int(self.lengths[at])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +156,8 @@ class _Skeleton:
         valid: Bools = np.ones(len(rows), np.bool_)
         for name, column in _NUMBERS.items():
             if self.fields.get(name, (0, 0))[1] == _WORD:
-                values = self._field(name, "<i8", windows)[fits]
+                place = self.padding + self.fields[name][0]
+                values = column_at(windows, "<i8", place)[fits]
                 columns.columns[column][rows] = values
                 if column != "delay_ns":
                     valid &= values >= 0
@@ -174,10 +171,9 @@ class _Skeleton:
         for column, value in shared.items():
             if value != COLUMNS[column][1]:
                 columns.columns[column][rows] = value
-        values = self._field("raw", f"V{self.size}", windows)[fits]
+        values = column_at(windows, f"V{self.size}", self.padding + self.fields["raw"][0])[fits]
         raw = values.view(np.uint8).reshape(-1, self.size)
-        own: Array = np.ndarray(len(columns), f"V{length}", columns.raw, 0, columns.raw.strides[:1])
-        own[rows] = np.ndarray(len(raw), f"V{length}", values, 0, values.strides)
+        column_at(columns.raw, f"V{length}", 0)[rows] = column_at(raw, f"V{length}", 0)
         if self.framed:
             valid &= IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
         good = rows[valid]
@@ -190,10 +186,10 @@ class _Skeleton:
             more.append((good, rest))
         return good
 
-    def _field(self, name: str, kind: str, windows: Array) -> Array:
-        """A field of all messages."""
-        place = self.padding + self.fields[name][0]
-        return np.ndarray(len(windows), kind, windows, place, windows.strides)
+
+def column_at(table: Array, kind: str, place: int) -> Array:
+    """The values of a type at a byte of each row of a table; not copied."""
+    return np.ndarray(len(table), kind, table, place, table.strides[:1])
 
 
 def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[int, int]], bytes]:
@@ -329,11 +325,6 @@ def groups_of(keys: Array) -> list[Ints]:
     return np.split(by_key, cuts) if len(keys) else []
 
 
-def heads_at(records: bytes, starts: Ints) -> Array:
-    """The heads of the message records at some offsets."""
-    return at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
-
-
 def _events(
     messages: Messages, own: Array, kind: MessageType, columns: Rows
 ) -> dict[int, PortEvent]:
@@ -342,7 +333,8 @@ def _events(
     for row in own.tolist():
         port, t_ns = columns.ports[columns.port[row]], int(messages.log_times[row])
         try:
-            message = kind.parse(messages.message(row))
+            start = int(messages.starts[row]) + MESSAGE_HEAD
+            message = kind.parse(messages.records[start : start + int(messages.lengths[row])])
             (name,) = kind.members(message, "kind")
             # The first recordings have neither a time nor a count.
             t_ns = getattr(message, "time_ns", 0) or t_ns
@@ -375,36 +367,27 @@ class Template:
         topic = topic_of(row)
         self._message = encode_row(topic, row, log_time)
         descriptors = class_of(topic).DESCRIPTOR.fields
-        types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
-        offsets, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
+        self._types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
+        self._places, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
         kind = row.kind if topic is not MALFORMED else None
         self._fields = {
-            field.name: (field.start, np.dtype(f">{'i' if field.signed else 'u'}{field.size}"))
+            field.name: (f">{'i' if field.signed else 'u'}{field.size}", field.start)
             for field in (kind.fields if kind else ())
         }
-        """Where the frame has the values of the message."""
-        self._type = np.dtype(
-            {
-                "names": list(offsets),
-                "formats": [types[name] for name in offsets],
-                "offsets": [first for first, _ in offsets.values()],
-                "itemsize": len(self._message),
-            }
-        )
+        """The type and offset of the message's values in the frame."""
 
     def encode(self, rows: Rows, own: Ints) -> Array:
         """The messages of some rows, as opaque values; fields of other kinds stay NaN."""
-        messages = np.full(len(own), np.void(self._message))
-        table, raw = messages.view(self._type), rows.raw[own]
-        for name in self._type.names or ():
-            if name in self._fields:
-                start, wire = self._fields[name]
-                table[name] = np.ndarray(len(raw), wire, raw, start, raw.strides[:1])
-            elif name == "raw":
-                kind = self._type[name]
-                table[name] = np.ndarray(len(raw), kind, raw, 0, raw.strides[:1])
-            elif name == "cmd":
-                table[name] = raw[:, CMD_OFFSET]
-            elif name in _NUMBERS:
-                table[name] = rows.columns[_NUMBERS[name]][own]
+        messages, raw = np.full(len(own), np.void(self._message)), rows.raw[own]
+        for name, (place, _) in self._places.items():
+            if name in _NUMBERS:
+                values = rows.columns[_NUMBERS[name]][own]
+            elif name in self._fields:
+                values = column_at(raw, *self._fields[name])
+            elif name in ("raw", "cmd"):
+                kind, start = (self._types[name], 0) if name == "raw" else ("u1", CMD_OFFSET)
+                values = column_at(raw, kind, start)
+            else:
+                continue
+            column_at(messages, self._types[name], place)[...] = values
         return messages
