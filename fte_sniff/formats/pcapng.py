@@ -18,7 +18,6 @@ from struct import pack
 from typing import BinaryIO, Final
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol.columns import faults_text
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import Direction
 
@@ -74,7 +73,7 @@ class PcapngWriter:
         data = _tags(FRAME_DISSECTOR if is_frame else DAMAGE_DISSECTOR) + row.raw
         options = _option(2, pack("<I", _FLAGS[row.direction]))
         if row.faults:
-            options = _option(1, f"{COMMENT}{faults_text(row.faults)}".encode()) + options
+            options = _option(1, f"{COMMENT}{','.join(row.faults)}".encode()) + options
         high, low = divmod(row.t_ns, 1 << 32)
         head = pack("<IIIII", interface, high, low, len(data), len(data))
         return described + _block(_PACKET, head + _padded(data) + options + _option(0, b""))

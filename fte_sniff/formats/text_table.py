@@ -14,7 +14,7 @@ import click
 
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS, mark_of
-from fte_sniff.protocol.columns import faults_text, iso_time, spaced_hex
+from fte_sniff.protocol.columns import iso_time, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, Status, status_of
@@ -66,7 +66,7 @@ class TableWriter:
             kind_text(row),
             values_text(row),
         )
-        faults, raw = faults_text(row.faults), spaced_hex(row.raw)
+        faults, raw = ",".join(row.faults), spaced_hex(row.raw)
         if not self._is_short:
             return time, port, f"{row.offset:9}", mark, kind, values, raw, faults
         text = GAP.join(filter(None, (values, faults, raw)))
@@ -147,7 +147,7 @@ def _row_lines(row: Row, width: int) -> Iterator[str]:
 def _title(row: Row) -> str:
     status = click.style(f"{row.status}", fg=LOOKS[row.status].color, bold=True)
     if row.faults:
-        status += f" ({faults_text(row.faults)})"
+        status += f" ({','.join(row.faults)})"
     kind = kind_text(row)
     name = click.style("damage" if kind == "-" else kind, bold=True)
     when = "" if row.t_ns is None else iso_time(row.t_ns)[_CLOCK]

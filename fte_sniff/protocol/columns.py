@@ -228,11 +228,6 @@ def zone_at(t_ns: int, zone: tzinfo) -> timezone:
     return timezone(timedelta(minutes=offset // timedelta(minutes=1)))
 
 
-def faults_text(faults: tuple[Fault, ...]) -> str:
-    """Join the faults by commas; empty if there are none."""
-    return ",".join(faults)
-
-
 def spaced_hex(raw: bytes) -> str:
     """Format bytes as hex with spaces: `AA 01 01 03 E8 00 00 00 00 EE`."""
     return raw.hex(" ").upper()

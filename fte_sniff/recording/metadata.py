@@ -37,8 +37,6 @@ def host_facts(start_ns: int) -> dict[str, str]:
     return {
         "start": iso_time(start_ns),
         "host": platform.node(),
-        "platform": platform.platform(),
-        "python": platform.python_version(),
         "time": "when the row's first byte began on the wire, from the read's return, UTC",
     }
 
