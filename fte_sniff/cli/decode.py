@@ -27,10 +27,10 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.streams import ending_signals, print_err
 from fte_sniff.errors import UsageError
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, TEXT_FORMATS, OutputFormat
+from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.save import ExportSource, Write, exported, writing
+from fte_sniff.session.save import ExportSource, Write, exported, format_of, writing
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -102,15 +102,9 @@ def _format_for(output: Path | None, *, chooses: bool) -> OutputFormat:
 
     Raises UsageError if the extension is unknown.
     """
-    end = "" if output is None else output.suffix.lower()
-    if not end:
-        return OutputFormat.CSV if chooses else OutputFormat.TABLE
-    if end not in FORMAT_BY_SUFFIX:
-        raise UsageError(
-            f"{output}: the extension selects the format, and {end} is not one of"
-            f" {' '.join(FORMAT_BY_SUFFIX)}; use one of them, or --format"
-        )
-    return FORMAT_BY_SUFFIX[end]
+    if output is not None and output.suffix:
+        return format_of(output)
+    return OutputFormat.CSV if chooses else OutputFormat.TABLE
 
 
 def _is_stdout(path: Path | None) -> bool:

@@ -13,15 +13,15 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, date, tzinfo
 from functools import cache, partial, wraps
-from io import BufferedReader, FileIO
+from io import BufferedReader
 from itertools import chain
 from pathlib import Path
-from select import select
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -64,8 +64,6 @@ from fte_sniff.session.inputs import (
 from fte_sniff.session.save import is_same_file
 
 if TYPE_CHECKING:
-    from _typeshed import WriteableBuffer
-
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.tally import Tally
     from fte_sniff.recording.reader import TimeRange
@@ -498,8 +496,7 @@ def _in_quotes(text: str) -> str:
 def _opened(path: Path, query: InputQuery) -> Input:
     name, stream = str(path), None
     if path == STDIN:
-        pipe = _InterruptiblePipe(sys.stdin.fileno(), closefd=False)
-        name, stream = STDIN_NAME, BufferedReader(pipe)
+        name, stream = STDIN_NAME, _stdin()
     first = stream.peek(1) if stream else _first_bytes(path)
     if not first:
         raise FileError(f"{name} is empty; there is nothing to read")
@@ -541,16 +538,13 @@ def _opened(path: Path, query: InputQuery) -> Input:
     )
 
 
-class _InterruptiblePipe(FileIO):
-    """A pipe; Ctrl-C ends the wait for its next bytes.
+def _stdin() -> BufferedReader:
+    """Standard input; Ctrl-C ends the wait for its next bytes."""
+    if POSIX:
+        import polars  # noqa: F401  # its handler of Ctrl-C makes the system read on
 
-    With polars, the system continues a read after a signal, so that Python does not notice it.
-    """
-
-    def readinto(self, buffer: WriteableBuffer, /) -> int | None:
-        if POSIX:  # on Windows only sockets can be selected
-            select([self], [], [])
-        return super().readinto(buffer)
+        signal.siginterrupt(signal.SIGINT, True)
+    return open(sys.stdin.fileno(), "rb", closefd=False)
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias
@@ -64,7 +65,7 @@ def writing(form: OutputFormat, stream: IO[Any], source: ExportSource) -> Iterat
 
     A recording, pcapng and raw bytes need a binary stream; Parquet one of a file with a name.
     """
-    with _FORMS.get(form, _text_rows(form))(stream, source) as write:
+    with _FORMS.get(form, partial(_text, form))(stream, source) as write:
         takes = (Rows, PortEvent, Gap) if form is OutputFormat.MCAP else Rows
         yield lambda item: write(item) if isinstance(item, takes) else None
 
@@ -132,22 +133,20 @@ _AT_ONCE: Final = 1 << 14
 """Rows whose text is in memory at once, some hundred bytes each."""
 
 
-def _text_rows(form: OutputFormat) -> Form:
+@contextmanager
+def _text(
+    form: OutputFormat, stream: TextIO, source: ExportSource
+) -> Iterator[Callable[[Rows], None]]:
     """Text; each batch is flushed, so that the reader of a pipe gets it at once."""
+    several, columns = len(source.ports) > 1, source.columns
+    write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
 
-    @contextmanager
-    def text(stream: TextIO, source: ExportSource) -> Iterator[Callable[[Rows], None]]:
-        several, columns = len(source.ports) > 1, source.columns
-        write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
+    def write(rows: Rows) -> None:
+        for start in range(0, len(rows), _AT_ONCE):
+            write_rows(rows[start : start + _AT_ONCE])
+        stream.flush()
 
-        def write(rows: Rows) -> None:
-            for start in range(0, len(rows), _AT_ONCE):
-                write_rows(rows[start : start + _AT_ONCE])
-            stream.flush()
-
-        yield write
-
-    return text
+    yield write
 
 
 @contextmanager
@@ -293,6 +292,15 @@ def is_same_file(path: Path, other: Path | str) -> bool:
         return False
 
 
+def format_of(path: Path) -> OutputFormat:
+    """The format that the extension of a file selects; raises UsageError if it selects none."""
+    form = FORMAT_BY_SUFFIX.get(path.suffix.lower())
+    if form is None:
+        forms = " ".join(FORMAT_BY_SUFFIX)
+        raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
+    return form
+
+
 def typed_path(line: str, in_use: Sequence[str] = ()) -> tuple[Path, Existing]:
     """The file that a typed line names; `!` after the name allows an existing file.
 
@@ -305,9 +313,7 @@ def typed_path(line: str, in_use: Sequence[str] = ()) -> tuple[Path, Existing]:
     path = Path(name.removesuffix(OVERWRITE).rstrip())
     with suppress(RuntimeError):  # no such user
         path = path.expanduser()
-    if path.suffix.lower() not in FORMAT_BY_SUFFIX:
-        forms = " ".join(FORMAT_BY_SUFFIX)
-        raise UsageError("the extension selects the format; use one of {forms}", forms=forms)
+    format_of(path)
     if any(is_same_file(path, one) for one in in_use):
         raise FileError("{path} is the file shown here; name another", path=path)
     if os.path.lexists(path) and existing is Existing.REFUSE:

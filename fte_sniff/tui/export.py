@@ -16,7 +16,6 @@ from platformdirs import user_cache_path
 
 from fte_sniff.errors import FileError, FteSniffError, reason_of
 from fte_sniff.formats.text_table import TableWriter
-from fte_sniff.formats.writers import FORMAT_BY_SUFFIX
 from fte_sniff.i18n import _, error_text, later
 from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.rows import Item, Rows
@@ -26,6 +25,7 @@ from fte_sniff.session.save import (
     DEFAULT_NAME,
     ExportSource,
     exported,
+    format_of,
     free_path,
     replace_text,
     typed_path,
@@ -161,9 +161,8 @@ class Export:
     async def _save(self, path: Path, existing: Existing) -> None:
         """Save the rows while the screen continues."""
         indices, rows = self._indices, 0
-        form = FORMAT_BY_SUFFIX[path.suffix.lower()]
         try:
-            with exported(path, form, self._source(), existing) as write:
+            with exported(path, format_of(path), self._source(), existing) as write:
                 for index, item in self._items(indices):
                     self._show_progress(path, (index - indices.start) / len(indices))
                     await asyncio.sleep(0)
