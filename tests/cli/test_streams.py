@@ -206,7 +206,6 @@ DECODE = ("decode", str(SAMPLES / "damaged.mcap"))
             ("fte_sniff.protocol.spec", ("encode", "reset")),
             ("fte_sniff.cli.capturing", ("live", "sim://")),
             ("numpy", (*DECODE, "-o", "rows.csv")),
-            ("fte_sniff.formats.parquet", (*DECODE, "-o", "rows.parquet")),
         ],
     ),
 )
