@@ -193,8 +193,7 @@ def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
 
     output = given.output
     if given.no_record and (output is not None or given.keep_recording):
-        one = "--keep-recording" if output is None else "-o"
-        raise UsageError(f"{one} and --no-record contradict each other; leave one of them out")
+        raise UsageError("--no-record contradicts -o and --keep-recording; leave one of them out")
     if output is not None:
         _check_output(output)
     found = RecordingOptions(
@@ -424,9 +423,7 @@ class Screen(CaptureReport):
         from fte_sniff.session.notes import Notes
         from fte_sniff.tui.app import run_screen
 
-        self._notes = Notes(
-            {Path(one): None for one in session.capture.recordings if Path(one).is_file()}
-        )
+        self._notes = Notes(dict.fromkeys(map(Path, session.state().files)))
         if session.stopping:
             return 0
         return run_screen(session, replace(self._options, notes=self._notes))

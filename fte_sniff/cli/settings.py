@@ -218,14 +218,11 @@ def read_settings(path: Path) -> Settings:
     faults: list[str] = []
     try:
         tables = _valid(tomllib.loads(read_toml(path)), _TABLES, faults)
-    except FileError as error:
-        faults.append(f"{error}; starting without settings")
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        faults.append(f"{path} is not TOML: {error}; starting without settings")
-    else:
-        faults = [f"{path}: {fault}; it is ignored" for fault in faults]
-        return Settings(**tables, path=path, trouble=tuple(faults))
-    return Settings(path=path, trouble=tuple(faults))
+    except (FileError, tomllib.TOMLDecodeError, RecursionError) as error:
+        what = error if isinstance(error, FileError) else f"{path} is not TOML: {error}"
+        return Settings(path=path, trouble=(f"{what}; starting without settings",))
+    reported = (f"{path}: {fault}; it is ignored" for fault in faults)
+    return Settings(**tables, path=path, trouble=tuple(reported))
 
 
 lang_option = click.option(

@@ -26,8 +26,9 @@ def test_ctrl_c_and_a_bounded_capture_end_it_too(environment, tmp_path: Path) ->
     plain = environment | {"NO_COLOR": "1"}
     with terminal(plain, tmp_path, "live", "sim://?drop=0.3", "--no-record") as screen:
         screen.until("truncated")
-        screen.type("\x03")
+        screen.type("m\x03")
         assert screen.ended() == 0
+    assert b"notes are in" not in screen.drawn  # they would go with the rows
     assert b"\x1b[38;2" not in screen.drawn
     with terminal(
         environment, tmp_path, "live", "sim://", "--count", "9", "-o", "x.mcap"
