@@ -12,9 +12,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, time, timedelta, timezone, tzinfo
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from decimal import Decimal
-from difflib import get_close_matches
 from typing import Final, TypeVar
 
 from fte_sniff.errors import InputTextError, quoted
@@ -27,7 +26,6 @@ _YEARS: Final = range(1970, 2263)
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _TIME: Final = re.compile(r"([0-9-]*[T ]?[0-9:]*)(?:\.([0-9]{1,9}))?\ ?(Z|[+-][0-9]{2}:?[0-9]{2})?")
 """Date and time, the fraction of a second, and the zone."""
-_ZONE: Final = r"([+-])([01]?[0-9]|2[0-3])(?::?([0-5][0-9]))?"
 _UNITS: Final = {
     "ms": SECOND_NS // 1000,
     "us": 1000,
@@ -137,10 +135,6 @@ class _Local(tzinfo):
     def dst(self, moment: datetime | None) -> None:
         """None: the system does not name it."""
 
-    def tzname(self, moment: datetime | None) -> str:
-        """The word of `--zone`."""
-        return "local"
-
     def fromutc(self, moment: datetime) -> datetime:
         """The local time of a UTC time; `fold` marks the second of two equal ones."""
         local = moment.replace(tzinfo=UTC).astimezone()
@@ -157,21 +151,22 @@ def zone_of(text: str) -> tzinfo:
 
     Raises InputTextError for other texts.
     """
+    from zoneinfo import ZoneInfo
+
     name = text.strip()
     if name.lower() == "local":
         return LOCAL
-    if offset := re.fullmatch(_ZONE, name, re.ASCII):
-        sign, hours, minutes = offset.groups()
-        east = timedelta(hours=int(hours), minutes=int(minutes or 0))
-        return timezone(-east if sign == "-" else east)
-    from zoneinfo import ZoneInfo, available_timezones
-
+    if name.upper() in ("UTC", "Z"):
+        return UTC
     try:
-        return UTC if name.upper() in ("UTC", "Z") else ZoneInfo(name)
+        if name[:1] in ("+", "-") and "." not in name:
+            padded = re.sub(r"^(.)(\d)(?!\d)", r"\g<1>0\2", name)
+            return time.fromisoformat(f"00:00{padded}").tzinfo or UTC
+        return ZoneInfo(name)
     except (ValueError, OSError, KeyError):
-        near = get_close_matches(name, available_timezones(), n=1, cutoff=0.75)
-        advice = f"did you mean {near[0]}?" if near else "write +08:00, UTC, local or Asia/Shanghai"
-        raise InputTextError(f"--zone: {quoted(text)} is not a time zone; {advice}") from None
+        raise InputTextError(
+            f"--zone: {quoted(text)} is not a time zone; write +08:00, UTC, local or Asia/Shanghai"
+        ) from None
 
 
 def _date_of(t_ns: int, zone: tzinfo) -> date:
