@@ -108,11 +108,8 @@ _SHARES: Final[Mapping[str, str]] = {
 }
 """The measures of shares."""
 
-_FEW_PERIODS: Final = later(
-    "periods of {kinds}: too few rows; each side needs {least} of each, over {seconds} s"
-)
-_FEW_ANSWERS: Final = later(
-    "answers to {kinds}: too few; each side needs {least} of each, over {seconds} s"
+_TOO_FEW: Final = later(
+    "{measure} of {kinds}: too few rows; each side needs {least} of each, over {seconds} s"
 )
 
 MEASURES: Final = (*_TIMES, *_SHARES, "values", "findings")
@@ -311,15 +308,13 @@ def _times(
         yield Number(measure, *of, *values, TranslatableText(time.form, what=what, **texts), score)
 
 
-def _too_few(form: str, kinds: Sequence[str], missing: _Missing) -> None:
+def _too_few(measure: str, kinds: Sequence[str], missing: _Missing) -> None:
     if kinds:
-        seconds = round(PARTS * 2**PERIODS / 1e9)
-        values = {
-            "kinds": listed(dict.fromkeys(kinds)),
-            "least": PARTS * LEAST_VALUES,
-            "seconds": seconds,
-        }
-        missing.append(TranslatableText(form, **values))
+        values = {"least": PARTS * LEAST_VALUES, "seconds": round(PARTS * 2**PERIODS / 1e9)}
+        text = TranslatableText(
+            _TOO_FEW, measure=measure, kinds=listed(dict.fromkeys(kinds)), **values
+        )
+        missing.append(text)
 
 
 def _whose(kind: int, motor: int | None) -> str:
@@ -345,7 +340,7 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
             least_ns = max(5e8, *(5 * one.median for one in active))
             pairs = [(one.where(one.middles > least_ns).counts, one.counts) for one in whole]
             yield _share("silence", pairs, what, of)
-    _too_few(_FEW_PERIODS, few, missing)
+    _too_few("period", few, missing)
 
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
@@ -357,7 +352,7 @@ def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
             yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
         elif all(one.counts.any() for one in delays):
             few.append(kind.name)
-    _too_few(_FEW_ANSWERS, few, missing)
+    _too_few("delay", few, missing)
 
 
 def _of_damage(sides: _Sides, ports: tuple[str, str]) -> Iterator[Number]:
@@ -425,7 +420,7 @@ def _of_values(sides: _Sides) -> Iterator[Number]:
     """The range that a motor reports, where the targets had the same range."""
     for motor, role in product(MOTORS, (Role.SPEED, Role.POSITION)):
         (targets, before), (targets_after, after) = (
-            [_range(side.events.windows, f"{word} {role} {motor}") for word in _TARGET_AND_PRESENT]
+            [_range(side.events.windows, f"{of} {role} {motor}") for of in ("target", "present")]
             for side in sides
         )
         if before is None or after is None or _difference(targets, targets_after) > SAME_TARGETS:
@@ -441,8 +436,6 @@ def _of_values(sides: _Sides) -> Iterator[Number]:
         score = off if off > OTHER_RANGE else 0.0
         yield Number("values", "", motor, name, first, second, text, score)
 
-
-_TARGET_AND_PRESENT: Final = ("target", "present")
 
 _Range = tuple[int, int]
 

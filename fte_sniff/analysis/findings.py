@@ -19,13 +19,10 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 
 from fte_sniff.analysis.events import (
-    LATE_RATIO,
-    LATE_SHARE,
     RUNNING,
     EventCounts,
     Events,
     Windows,
-    by_role,
     is_more,
     named,
 )
@@ -42,7 +39,6 @@ from fte_sniff.protocol.spec import (
     SUSPECT_FAULTS,
     Direction,
     Fault,
-    Role,
     motor_bit,
     online_bit_text,
 )
@@ -161,13 +157,10 @@ class _Case(NamedTuple):
     """Share of events outside of spans from which on all of them are a finding."""
     sure: int = 0
     """Events that are a finding wherever they are; 0 if their frequency decides."""
-    senders: Direction = Direction.CONTROL
-    """The direction of the frames whose port is named."""
     of_port: bool = False
     """Whether each port has the columns."""
-    others: tuple[str, float, float] | None = None
-    """The sentence about a motor that has more than each other one, throughout: if it has this
-    share, and this many times the share of the other."""
+    unlike: str = ""
+    """The sentence about a motor with a share `UNLIKE` times that of each other one, throughout."""
 
 
 class _Series(NamedTuple):
@@ -256,8 +249,6 @@ _PORT_EVENTS: Final = {
 }
 """What happened to a port."""
 
-_FEEDBACK: Final = Direction.FEEDBACK
-
 _DAMAGED: Final = later("{events} of {rows} rows are damaged; {usual}; mostly {what}")
 _IRREGULAR: Final = later(
     "{events} of {rows} periods of {kind} commands differ from the one before; {usual}"
@@ -286,11 +277,8 @@ _CASES: Final = (
         "malformed AND motor_hint = {motor}",
         _damage,
         of_port=True,
-        others=(
-            later(
-                "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %"
-            ),
-            *(0.0, UNLIKE),
+        unlike=later(
+            "{own} % of the rows of motor {motor} are damaged, of the other motors {others} %"
         ),
     ),
     _Case(
@@ -309,13 +297,6 @@ _CASES: Final = (
         "answer_ms >= {limit} AND kind = '{kind}' AND motor = {motor}",
         _late,
         least_share=0.05,
-        others=(
-            later(
-                "{own} % of the answers of motor {motor} to {kind} took {limit} ms or longer, twice"
-                " the median, of the other motors at most {others} %"
-            ),
-            *(LATE_SHARE, LATE_RATIO),
-        ),
     ),
     _Case(
         *(Cause.ERROR_FLAG, "raised {motor}", "errors {motor}"),
@@ -323,7 +304,6 @@ _CASES: Final = (
         "motor = {motor} AND error != 0",
         _error_bits,
         sure=RUNNING,
-        senders=_FEEDBACK,
     ),
     _Case(
         *(Cause.OFFLINE, "offline {motor}", "online"),
@@ -331,7 +311,6 @@ _CASES: Final = (
         "online & {mask} = 0",
         _online_bit,
         sure=RUNNING,
-        senders=_FEEDBACK,
     ),
     _Case(
         *(Cause.SILENCE, "silent {motor}", "active {motor}"),
@@ -348,7 +327,6 @@ _CASES: Final = (
         ),
         "motor = {motor}",
         least_share=0.3,
-        senders=_FEEDBACK,
     ),
     _Case(
         *(Cause.JUMP, "jump {role} {motor}", "present {role} {motor}"),
@@ -357,7 +335,6 @@ _CASES: Final = (
             " bytes changed on the line"
         ),
         "motor = {motor}",
-        senders=_FEEDBACK,
     ),
     _Case(
         *(Cause.IRREGULAR_COMMANDS, "irregular {kind}", "period {kind}", _IRREGULAR),
@@ -375,7 +352,6 @@ _SLOWER: Final = _Case(
     *(Cause.UNLIKE_OTHERS, "timed {motor} {kind}", "timed {motor} {kind}"),
     later("motor {motor} answers {kind} after {own} ms (median), the others after {others} ms"),
     "answer_ms >= {limit} AND kind = '{kind}' AND motor = {motor}",
-    senders=_FEEDBACK,
 )
 
 
@@ -449,11 +425,9 @@ def _finding(series: _Series, own: slice, usual: float | None, score: float) -> 
         text = TranslatableText("motor {motor}: {text}", motor=names["motor"], text=text)
     if series.port and len(series.all.ports) > 1:
         shown = f"{shown} AND port = {quoted(series.port)}".removeprefix(" AND ")
-    kind = names.get("kind")
-    if role := names.get("role"):
-        kind = by_role(Role(role), target=case.cause is Cause.OFF_TARGET)[0].name
+    port = series.port or (next(iter(series.all.ports)) if len(series.all.ports) == 1 else "")
     return Finding(
-        *(case.cause, series.port or _port_of(series), names.get("motor"), kind, *ends),
+        *(case.cause, port, names.get("motor"), names.get("kind"), *ends),
         *(events, rows, round(usual or 0.0, 6)),
         *(text, shown, score),
     )
@@ -468,13 +442,6 @@ def _usually(share: float | None) -> TranslatableText:
         return TranslatableText("usually all")
     digits = 2 if share < 0.5 else 3
     return TranslatableText("usually {percent} %", percent=f"{100 * share:.{digits}g}")
-
-
-def _port_of(series: _Series) -> str:
-    """The only port with frames of the direction in which the cause is; empty if there is none."""
-    ports, column = series.all.ports, str(series.case.senders)
-    found = [port for port, windows in ports.items() if windows.total(column)]
-    return found[0] if len(found) == 1 else ""
 
 
 # A motor that is unlike the others all the time
@@ -497,19 +464,18 @@ def _slower(events: Events) -> Iterator[Finding]:
 def _more(series: Sequence[_Series]) -> Iterator[Finding]:
     """Motors with a larger share of events than each other one."""
     for one in series:
-        if one.case.others is None:
+        if not one.case.unlike:
             continue
-        form, least, ratio = one.case.others
         alike = [other.total for other in series if other is not one and other.topic == one.topic]
         alike = [total for total in alike if total[1] >= _LEAST_EVENTS]
         events, rows = own = one.total
         if not alike or events < _LEAST_EVENTS:
             continue
         most = max(alike, key=lambda total: total[0] / total[1])
-        if is_more(own, most, least, ratio):
+        if is_more(own, most, 0.0, UNLIKE):
             others = most[0] / most[1]
             texts = {"own": f"{100 * events / rows:.2g}", "others": f"{100 * others:.2g}"}
-            case = one.case._replace(cause=Cause.UNLIKE_OTHERS, form=form, senders=_FEEDBACK)
+            case = one.case._replace(cause=Cause.UNLIKE_OTHERS, form=one.case.unlike)
             # By window, as the scores of spans.
             score = np.count_nonzero(one.counted[0]) / events * surprise(most, own)
             unlike = one._replace(case=case, names={**one.names, **texts})

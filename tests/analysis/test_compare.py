@@ -120,7 +120,7 @@ def test_finding_that_comes_or_goes_is_named() -> None:
     [
         (side(2).select(side(2).nums != 3), "only the first side has it"),
         (side(2).select(side(2).raw[:, 0] == 0xAA), "speed_feedback 1, speed_feedback 2"),
-        (side(2)[:400], "periods of speed, speed_feedback: too few"),
+        (side(2)[:400], "period of speed, speed_feedback: too few"),
         (side(2)[:400], "too few rows; each side needs 160 of each, over 34 s"),
         (side(2).replace(t_ns=np.full(len(side(2)), -(2**63))), "the second side has no rows"),
     ],

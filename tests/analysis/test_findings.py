@@ -258,20 +258,6 @@ def test_motor_that_is_slower_all_the_time_is_unlike_the_others() -> None:
     assert found.filter == "answer_ms >= 6 AND kind = 'speed' AND motor = 2"
 
 
-def test_motor_with_late_answers_all_the_time_is_unlike_the_others() -> None:
-    rows = [row for item in slower(2, 3) if isinstance(item, Rows) for row in item]
-    rng = np.random.default_rng(4)
-    late = [
-        replace(row, t_ns=(row.t_ns or 0) + 12 * some.MS)
-        if row.raw[0] == 0x55 and row.raw[2] == 2 and rng.random() < 0.15
-        else row
-        for row in rows
-    ]
-    (found,) = report(Rows.of(sorted(late, key=lambda row: row.t_ns or 0))).found
-    assert (found.cause, found.motor) == (Cause.UNLIKE_OTHERS, 2)
-    assert "took 6 ms or longer, twice the median, of the other motors at most 0 %" in found.text
-
-
 def test_minute_of_lost_answers_is_before_a_second_of_a_flag() -> None:
     lost: list[Row | Item] = []
     for row in some.polled(6000):
