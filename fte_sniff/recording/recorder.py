@@ -104,9 +104,8 @@ class Recorder:
         self._base = path
         self.files: list[Path] = []
         """All files, in order; the last one is written, unless the recorder `is_stopped`."""
-        self._closed: list[tuple[KnownFile, int]] = []
-        """The files that are complete, each with its rows; the oldest may be deleted."""
-        self.deleted_files = self.deleted_rows = 0
+        self._closed: list[KnownFile] = []
+        """The files that are complete; the oldest may be deleted."""
         self._gaps: list[Gap] = []
         """What could not be written; the last gap grows until a file can be written again."""
         self._waiting: list[Entry] = []
@@ -133,11 +132,6 @@ class Recorder:
     def path(self) -> Path:
         """The current file, or the last one."""
         return self.files[-1]
-
-    @property
-    def first(self) -> Path:
-        """The oldest file that was not deleted for space."""
-        return self._closed[0][0].path if self._closed else self.path
 
     @property
     def is_stopped(self) -> bool:
@@ -170,7 +164,7 @@ class Recorder:
     @property
     def size(self) -> int:
         """Bytes in all files."""
-        closed = sum(file.size for file, _ in tuple(self._closed))
+        closed = sum(file.size for file in tuple(self._closed))
         return closed + (0 if self._writer is None else self._writer.size)
 
     # What is recorded
@@ -281,7 +275,7 @@ class Recorder:
         with suppress(FileError):  # what was flushed is in a valid file
             writer.close()
         if writer.identity is not None and not writer.is_gone:
-            self._closed.append((writer.identity, writer.flushed_rows))
+            self._closed.append(writer.identity)
 
     # Errors and gaps
 
@@ -327,11 +321,8 @@ class Recorder:
         """
         if not self._closed or (self._writer is None and len(self._closed) == 1):
             return False  # the last file, which has just failed, stays
-        oldest, rows = self._closed.pop(0)
         with suppress(OSError):
-            if oldest.delete():
-                self.deleted_files += 1
-                self.deleted_rows += rows
+            self._closed.pop(0).delete()
         return True
 
     @property

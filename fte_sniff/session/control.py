@@ -84,10 +84,6 @@ class CaptureState:
     """Whether the capture is over and its file is closed."""
     reason: str | None = None
     """Why it ended, in one line; None if it was requested."""
-    kept_from: str | None = None
-    """The oldest file that was not deleted for space, once the capture has ended by itself."""
-    deleted_files: int = 0
-    deleted_rows: int = 0
     rows: int = 0
     """All rows so far."""
     unrecorded: int = 0

@@ -2,8 +2,7 @@
 def _delete_by_name(self, keep=0):
     if len(self._closed) <= keep:
         return False
-    self._closed.pop(0)[0].path.unlink(missing_ok=True)
-    self.deleted_files += 1
+    self._closed.pop(0).path.unlink(missing_ok=True)
     return True
 
 
