@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from tests.cli.program import Program
 from tests.cli.program import plain_environment as plain_environment
 from tests.in_process import call
 from tests.needs import needs
@@ -38,13 +37,6 @@ def variables(settings_file: Path) -> dict[str, str]:
     """Our variables, without what changes the output of the program."""
     state = str(settings_file.parent / "state")
     return plain_environment() | {"FTE_SNIFF_CONFIG": str(settings_file), "XDG_STATE_HOME": state}
-
-
-@pytest.fixture(scope="session")
-@needs("program")
-def program() -> Program:
-    """The program, in processes of its own."""
-    return Program()
 
 
 @pytest.fixture

@@ -73,13 +73,12 @@ class Program:
         environment: Mapping[str, str],
         *,
         streams: Sequence[int] = (subprocess.PIPE,) * 3,
-        code: str | None = None,
         **options: Any,
     ) -> AbstractContextManager[Process]:
         """Start it; `streams` and `options` are those of `Popen`."""
         stdin, stdout, stderr = streams
         return running(
-            self.command(words, code),
+            self.command(words),
             stdin=stdin,
             stdout=stdout,
             stderr=stderr,

@@ -114,16 +114,15 @@ def terminal(
     size: tuple[int, int] = (80, 24),
     session: Callable[[], None] = plain_terminal,
     program: Sequence[str] | None = None,
-    code: str | None = None,
     errors: Path | None = None,
 ) -> Iterator[Terminal]:
-    """The program, another one, or Python code, in a terminal.
+    """The program, or another one, in a terminal.
 
     Its standard error is in the terminal too, or in the file `errors`.
     """
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
-    command = [*program, *arguments] if program else Program().command(arguments, code)
+    command = [*program, *arguments] if program else Program().command(arguments)
     with ExitStack() as stack:
         opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
         process: Process = stack.enter_context(
