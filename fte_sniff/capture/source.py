@@ -70,9 +70,8 @@ CAPACITY: Final = 32 * 2**20
 _ITEM_COST: Final = 256
 """Approximate memory of one waiting item besides its bytes."""
 
-FIRST_WAIT_S: Final = 0.25
-"""Seconds before the first attempt to connect again; each wait is twice the one before."""
-LONGEST_WAIT_S: Final = 1.0
+RETRY_S: Final = 0.5
+"""Seconds before each attempt to connect again."""
 _REPORTED_REFUSAL: Final = 2
 """The refused attempt that is reported; at the first, udev may just not be finished."""
 _TICK_S: Final = 0.05
@@ -239,7 +238,6 @@ class Source:
 
     def _next_connection(self, connect: Connect, connection: Connection) -> Connection | None:
         """Read until the end, or a loss; returns what was connected again then, None at the end."""
-        put_bytes = self._put_bytes
         error = self._read_until_lost(connection)
         is_awaited = error is not None and self._reconnect and connection.comes_back
         if error is None:
@@ -252,9 +250,7 @@ class Source:
         with self._lock:
             self._open -= 1
             self._away |= {*connection.names}
-        # A port that came back without any byte is likely to go again: it is asked slowly.
-        wait_s = FIRST_WAIT_S if self._put_bytes > put_bytes else LONGEST_WAIT_S
-        return self._connected_again(connect, connection, wait_s) if is_awaited else None
+        return self._connected_again(connect, connection) if is_awaited else None
 
     def _lose(self, connection: Connection, why: str, *, is_error: bool = True) -> None:
         """Report a loss for good; a program that is over is not an error."""
@@ -262,17 +258,14 @@ class Source:
         if is_error:
             self.lost = event
 
-    def _connected_again(
-        self, connect: Connect, before: Connection, wait_s: float
-    ) -> Connection | None:
+    def _connected_again(self, connect: Connect, before: Connection) -> Connection | None:
         """Try until a connection can be made; None if the end comes first, or it never can.
 
         An attempt may take seconds; the end does not wait for it.
         """
         lost_ns, refusals = self._clock.now_ns(), 0
         while not self._is_due():
-            time.sleep(wait_s)
-            wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+            time.sleep(RETRY_S)
             try:
                 again = connect()
             except RefusedError as error:

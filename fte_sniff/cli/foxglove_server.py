@@ -209,7 +209,7 @@ class FoxgloveServer(Observer):
         """Send to the viewers that subscribed; those that do not read are disconnected."""
         from websockets.asyncio.server import broadcast
 
-        from fte_sniff.recording.schema import EVENTS, encode_event, encode_row, topic_of
+        from fte_sniff.recording.schema import encode, topic_of
 
         for viewer in self._viewers:
             transport = viewer.transport
@@ -219,12 +219,8 @@ class FoxgloveServer(Observer):
                 print_err(f"the viewer {name} did not read, and was disconnected")
         for entry in in_order(rows, events) if self.wanted else ():
             t_ns = entry.t_ns or 0
-            if isinstance(entry, PortEvent):
-                topic, encoded = EVENTS, encode_event(entry, t_ns)
-            else:
-                topic = topic_of(entry)
-                encoded = encode_row(topic, entry, t_ns)
-            channel = self._channels[entry.port, topic]
+            message = encode(entry, t_ns)
+            channel = self._channels[entry.port, topic_of(entry)]
             for viewer, subscriptions in self._viewers.items():
                 if channel in subscriptions:
-                    broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + encoded)
+                    broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + message)

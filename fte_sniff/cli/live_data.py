@@ -98,21 +98,20 @@ def datagram(entry: Row | PortEvent) -> bytes:
     `timestamp` is in seconds since 1970; PlotJuggler takes it as the time. Values that a row does
     not have are left out.
     """
-    from fte_sniff.recording.schema import EVENTS, topic_of
+    from fte_sniff.recording.schema import topic_of
 
     values: dict[str, object]
     if isinstance(entry, PortEvent):
-        topic, values = EVENTS, asdict(entry)
+        values = asdict(entry)
         del values["t_ns"]
     else:
-        topic = topic_of(entry)
         values = {name: value for name, value in record(entry).items() if value is not None}
     whole: dict[str, object] = {}
     if entry.t_ns is not None:
         values["time"] = iso_time(entry.t_ns)
         whole["timestamp"] = entry.t_ns / 1e9
     nested: object = values
-    for part in reversed(topic.name.strip("/").split("/")):
+    for part in reversed(topic_of(entry).name.strip("/").split("/")):
         nested = {part: nested}
     assert isinstance(nested, dict)
     return json_text(whole | nested).encode("utf-8", "backslashreplace")

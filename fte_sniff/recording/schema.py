@@ -111,8 +111,10 @@ def topics_of(rows: Rows) -> Codes:
     return codes
 
 
-def topic_of(row: Row) -> Topic:
-    """The topic of a row: that of its kind and motor, or `MALFORMED`."""
+def topic_of(row: Row | PortEvent) -> Topic:
+    """The topic of a row: that of its kind and motor, or `MALFORMED`; `EVENTS` of an event."""
+    if isinstance(row, PortEvent):
+        return EVENTS
     if row.kind is None or row.status is Status.MALFORMED:
         return MALFORMED
     return TOPICS[int(_TOPIC_CODES[KINDS.index(row.kind), row.raw[NUM_OFFSET]])]
@@ -283,6 +285,13 @@ def encode_event(event: PortEvent, log_time: int) -> bytes:
     if event.t_ns != log_time:
         values["time_ns"] = event.t_ns
     return bytes(class_of(EVENTS)(**values).SerializeToString(deterministic=True))
+
+
+def encode(entry: Row | PortEvent, log_time: int) -> bytes:
+    """The message of a row or a port event, on its topic."""
+    if isinstance(entry, PortEvent):
+        return encode_event(entry, log_time)
+    return encode_row(topic_of(entry), entry, log_time)
 
 
 def encodable(text: str) -> str:

@@ -100,20 +100,8 @@ def test_lost_connection_is_found_again_and_time_goes_on(line: Line) -> None:
     assert line.closed == 2
 
 
-def test_port_that_comes_back_without_a_byte_is_asked_slowly(line: Line) -> None:
-    line.reads += [b"x", OSError("gone"), OSError("gone"), OSError("gone")]
-    with Seen(source_of(line, reconnect=True)) as seen:
-        seen.wait_for("found_again", 3)
-    events = seen.events()
-    lost = [one.t_ns for one in events if one.kind is PortEventKind.LOST]
-    found = [one.t_ns for one in events if one.kind is PortEventKind.FOUND_AGAIN]
-    waits_s = [(after - before) / 1e9 for before, after in zip(lost, found, strict=True)]
-    assert min(waits_s[1:]) > module.LONGEST_WAIT_S - 0.01
-
-
 def test_refusal_is_reported_once_and_tried_again(line: Line, monkeypatch) -> None:
-    monkeypatch.setattr(module, "LONGEST_WAIT_S", 0.01)
-    monkeypatch.setattr(module, "FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(module, "RETRY_S", 0.01)
     line.reads += [b"x", OSError("gone")]
     source = source_of(line, reconnect=True)
     line.refusals = [PortError("away"), *(module.RefusedError("busy") for _ in range(5))]

@@ -342,7 +342,7 @@ def test_two_wires_are_one_time_line(run, environment, tmp_path: Path) -> None:
     recorded = read_rows(tmp_path / "x.mcap")
     # A frame and its answer were sent within a millisecond: which was first is not certain.
     assert any(row.unordered for row in recorded)
-    metadata = Recording(tmp_path / "x.mcap").metadata["fte-sniff"]
+    metadata = Recording(tmp_path / "x.mcap").facts
     assert metadata["port.1.time_uncertainty_ns"] == "1000000"
 
 
