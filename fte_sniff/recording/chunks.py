@@ -255,9 +255,7 @@ def _after_damage(file: _Bytes, at: int, before: int, found: Contents) -> int:
     return following
 
 
-_CHECKED: Final = frozenset(
-    {*_RECORDS, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.FOOTER},
-)
+_CHECKED: Final = frozenset({*_RECORDS, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.FOOTER})
 """The records whose content shows whether their length is right."""
 
 

@@ -141,8 +141,6 @@ def _multi_array(data: bytes) -> bytes:
             (size,) = number.unpack_from(data, at)
             at += 12 + size + -size % 4
         (size,) = number.unpack_from(data, at + 4)
+        return bytes(struct.unpack_from(f"{size}s", data, at + 8)[0])
     except (IndexError, struct.error) as error:
         raise ValueError("a message that is shorter than it says") from error
-    if at + 8 + size > len(data):
-        raise ValueError("a message that is shorter than it says")
-    return data[at + 8 : at + 8 + size]

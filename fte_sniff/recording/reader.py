@@ -36,7 +36,6 @@ from fte_sniff.recording.chunks import (
     HEAD,
     MAGIC,
     ChunkRef,
-    Contents,
     DamagedError,
     LostBytes,
     contents_of,
@@ -86,11 +85,6 @@ class TimeRange:
     first_ns: int = 0
     end_ns: int = _LATEST
 
-    @property
-    def everything(self) -> bool:
-        """Whether the range covers all of time."""
-        return self.first_ns <= 0 and self.end_ns >= _LATEST
-
     def overlaps(self, first_ns: int, last_ns: int) -> bool:
         """Whether the range overlaps the time from `first_ns` to `last_ns`, both included."""
         return self.first_ns <= last_ns and first_ns < self.end_ns
@@ -103,7 +97,7 @@ class TimeRange:
     def within(self, items: Iterable[Item]) -> Iterator[Item]:
         """The rows and events of items in the range, and the gaps."""
         for item in items:
-            if isinstance(item, Rows) and not self.everything:
+            if isinstance(item, Rows) and self != EVERYTHING:
                 rows = item.select(self.mask(item.t_ns))
                 yield from [rows] if len(rows) else []
             elif not isinstance(item, PortEvent) or self.overlaps(item.t_ns, item.t_ns):
@@ -126,7 +120,6 @@ class Recording:
         is not an MCAP file, or has no topics of this program.
         """
         self.path = path
-        self.contents = Contents()
         self._decoder = MessageDecoder()
         self._has_rows = False
         with self._open() as file:
@@ -293,8 +286,7 @@ class Recording:
         if self._has_rows or not self.losses:
             return None
         return FileError(
-            "{path}: no row in it could be read, although it has data: {why}; try another copy of "
-            "the file",
+            "{path}: no row in it could be read, although it has data: {why}",
             path=self.path,
             why=self.losses[0],
         )
