@@ -455,8 +455,8 @@ class InputReading:
             self.notes.append(str(error))
         finally:
             if troubles:
-                told = ", ".join(f"{kind} {times:,}" for kind, times in troubles.items())
-                self.notes.append(f"{one.name}: the port reported {told} while it was recorded")
+                listed = ", ".join(f"{kind} {times:,}" for kind, times in troubles.items())
+                self.notes.append(f"{one.name}: the port reported {listed} while it was recorded")
             if self.span is not None and not count:
                 self._note_times(one)
 
