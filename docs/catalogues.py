@@ -20,6 +20,7 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff import errors
+from fte_sniff.analysis.check import MEASURES
 from fte_sniff.analysis.filter.terms import EXAMPLES
 from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
@@ -58,6 +59,7 @@ def table_texts() -> Iterator[str]:
     yield from (*REASONS.values(), *UNREADABLE.values(), *UNWRITABLE.values())
     yield from STOPPED.values()
     yield from Joint
+    yield from (measure.needs for measure in MEASURES.values())
     yield from (Role.SPEED, Role.POSITION)
     yield from (event_words(kind) for kind in PortEventKind)
     yield from (one.value for one in Trouble)

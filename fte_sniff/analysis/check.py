@@ -32,7 +32,8 @@ from fte_sniff.analysis.findings import Cause, find, hidden_text
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, Table
-from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.errors import InputTextError, TranslatableText, quoted
+from fte_sniff.i18n import later
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, iso_time
 from fte_sniff.protocol.rows import Bools, Ints
 from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Role, motor_bit
@@ -262,6 +263,7 @@ def _of(value: pl.Expr) -> Callable[[Found], Measured]:
     return measured
 
 
+_MOST: Final = later("most of motor {motor}: {most:,} of {commands:,} commands")
 _SECONDS: Final = pl.when(pl.col("sum timed") > 1).then(
     (pl.col("greatest t") - pl.col("least t")) / 1e9
 )
@@ -285,7 +287,7 @@ def _unanswered(found: Found) -> Measured:
     text = ""
     for motor, _, most in missed[-1:].select("motor", "state", "sum commands").iter_rows():
         commands = chosen(asked, motor=motor)["sum commands"].sum()
-        text = f"most of motor {motor}: {most:,} of {commands:,} commands"
+        text = TranslatableText(_MOST, motor=motor, most=most, commands=commands)
     return Measured(int(missed["sum commands"].sum()), text)
 
 
@@ -304,7 +306,13 @@ def _findings(found: Found) -> Measured:
     if cause in report.not_covered or len(report.not_covered) == len(Cause):
         return Measured(None)
     own = [
-        f"{one.cause} from {iso_time(one.first_ns)} to {iso_time(one.last_ns)}: {one.text}"
+        TranslatableText(
+            "{cause} from {first} to {last}: {text}",
+            cause=one.cause,
+            first=iso_time(one.first_ns),
+            last=iso_time(one.last_ns),
+            text=one.text,
+        )
         for one in report.found
         if cause in ("", one.cause) and motor in ("", str(one.motor or motor))
     ]
@@ -342,6 +350,7 @@ def _any(words: Iterable[object]) -> str:
 
 
 _ROW: Final = "a row"
+_ALL_ROWS: Final = later("all rows")
 _FILTER: Final = r"(?P<filter>.*\S.*)"
 _MORE: Final = r"\s*(?:,(?P<filter>.*))?"
 _CAUSE: Final = rf"(?:{'|'.join(Cause)})(?:,\s*[{MOTORS[0]}-{MOTORS[-1]}])?"
@@ -479,7 +488,7 @@ class Verdict(NamedTuple):
     `file`, `time` (nanoseconds since 1970 UTC), `port`, `offset`, `motor`, `raw` (hex).
     """
     text: str = ""
-    """What a failed rule counts most: a finding, a change, or the commands of a motor."""
+    """What a failed rule counts most: a finding, a change, or a motor; or why rows are missing."""
 
     @property
     def refuses(self) -> bool:
@@ -500,12 +509,12 @@ def _verdict(rule: Rule, total: Counts, baseline: Counts | None) -> Verdict:
     if not extent["sum rows"]:
         return Verdict(rule, RuleResult.NOT_COVERED, needs=_ROW)
     if hidden and measure.needs_all:
-        return Verdict(rule, RuleResult.NOT_COVERED, needs=f"all rows; {hidden_text(hidden)}")
+        return Verdict(rule, RuleResult.NOT_COVERED, needs=_ALL_ROWS, text=hidden_text(hidden))
     sums = pl.concat([total["extent"], counts.get("rows", pl.DataFrame())], how="horizontal")
     value, text = measure.value(Found(rule, counts, sums, baseline))
     if value is None:
-        untimed = "; no row has a time, try --start" if not extent["sum timed"] else ""
-        return Verdict(rule, RuleResult.NOT_COVERED, needs=measure.needs + untimed)
+        advice = "" if extent["sum timed"] else later("no row has a time, try --start")
+        return Verdict(rule, RuleResult.NOT_COVERED, needs=measure.needs, text=advice)
     if not rule.violated_by(value).any():
         return Verdict(rule, RuleResult.PASS, value)
     return Verdict(rule, RuleResult.FAIL, value, "", counts["violation"]["first row"][0], text)

@@ -24,10 +24,11 @@ from fte_sniff.cli.measuring import (
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
-from fte_sniff.cli.settings import read_toml
+from fte_sniff.cli.settings import load_settings, read_toml
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.cell_text import UNKNOWN
 from fte_sniff.formats.looks import LOOKS
+from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import fields_json, time_json
@@ -91,6 +92,7 @@ def command(
     if form == "json":
         print_json(_object(found, total["extent"].row(0, named=True), reading))
     else:
+        set_language(load_settings().language())
         print_lines(_lines(found, reading.zone))
     finish(reading, refused=any(one.refuses for one in found))
 
@@ -125,21 +127,23 @@ def _lines(verdicts: Sequence[Verdict], zone: tzinfo) -> Iterator[Text]:
         allowed = " (allowed)" * (one.result == "not covered" and not one.refuses)
         name = f"{mark} {printable(one.rule.name)}"
         rows.append([name, measured.strip(), expected, f"{one.result}{allowed}"])
-    head, *lines = table_lines(["  rule", "measured", "expected", "verdict"], rows)
+    heads = [f"  {_('rule')}", _("measured"), _("expected"), _("verdict")]
+    head, *lines = table_lines(heads, rows)
     yield head
     for one, line in zip(verdicts, lines, strict=True):
         yield line
-        row = one.row and f"first {_row_text(one.row, zone)}"
-        for text in (row, one.text, one.needs and f"needs {one.needs}"):
+        row = one.row and _("first row: {row}", row=_row_text(one.row, zone))
+        for text in (row, one.needs and _("needs {needs}", needs=_(one.needs)), _(one.text)):
             if text:
                 yield Text(f"    {printable(text)}")
 
 
 def _row_text(row: Mapping[str, Any], zone: tzinfo) -> str:
-    """`in a.mcap at 2026-01-31T12:00:30Z, offset 20 of /dev/ttyUSB0, motor 3: AA01...`."""
-    time = "" if row["time"] is None else f" at {iso_time(row['time'], zone)}"
+    """`a.mcap, 2026-01-31T12:00:30Z, /dev/ttyUSB0, offset 20, motor 3: AA01...`."""
+    time = "" if row["time"] is None else f", {iso_time(row['time'], zone)}"
+    place = f"{row['file']}{time}, {row['port']}, offset {row['offset']}"
     motor = "" if row[MOTOR] is None else f", {MOTOR} {row[MOTOR]}"
-    return f"in {row['file']}{time}, offset {row['offset']} of {row['port']}{motor}: {row['raw']}"
+    return f"{place}{motor}: {row['raw']}"
 
 
 def _object(

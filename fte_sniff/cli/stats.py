@@ -20,9 +20,11 @@ from fte_sniff.cli.measuring import (
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
+from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
+from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol.columns import iso_time, iso_time_ns
 from fte_sniff.protocol.spec import Direction, Status
 from fte_sniff.session.stats_json import Json, statistics_json
@@ -55,6 +57,7 @@ def command(query: InputQuery, form: str) -> None:
     if form == "json":
         print_json(numbers)
     else:
+        set_language(load_settings().language())
         print_lines(report_lines(numbers, reading))
     finish(reading)
 
@@ -89,9 +92,9 @@ def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
             yield Text()
             yield from table_lines([head for head, _ in columns], rows)
     if numbers["selections"]:
-        yield Text("answers are not known: the recording has only selected rows")
+        yield Text(_("answers are not known: the recording has only selected rows"))
     elif motors[0]["neither"] is None:
-        yield Text("the inputs overlap in time: answers cannot be matched to commands")
+        yield Text(_("the inputs overlap in time: answers cannot be matched to commands"))
 
 
 def _of_ports(numbers: Json, key: str) -> list[Json]:
@@ -135,7 +138,7 @@ def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
         span = f"{numbers['duration_s']:,.3f} s after the first"
         yield _line("last", f"{_in_zone(numbers['last_time'], zone)}, {span}")
     elif rows:
-        yield _line("time", "these rows have no times: no rates, no silences")
+        yield _line("time", _("these rows have no times: no rates, no silences"))
     if rows:
         counts = {status: numbers["status"][status]["rows"] for status in LOOKS}
         words = [f"{one} {count:,} ({share_text(count / rows)})" for one, count in counts.items()]

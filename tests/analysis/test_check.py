@@ -232,7 +232,7 @@ def test_rule_without_its_rows_is_not_covered(rule: str, needs: str) -> None:
 
 def test_rule_without_times_advises_a_start() -> None:
     found = verdict([frame("speed", None)], "duration() > 1")
-    assert found.needs == "two rows with times; no row has a time, try --start"
+    assert (found.needs, found.text) == ("two rows with times", "no row has a time, try --start")
     assert verdict([frame("speed", None)], "rate(speed) > 1").result is RuleResult.NOT_COVERED
 
 
@@ -241,7 +241,8 @@ def test_what_hidden_rows_decide_is_not_covered(rule: object) -> None:
     text = next(one.example for one in MEASURES.values() if one is rule)
     found = verdict([Gap(GapKind.SELECTED, reason="motor = 1"), *polled(20)], text)
     assert found.result is RuleResult.NOT_COVERED
-    assert "for which this held: motor = 1" in found.needs
+    assert found.needs == "all rows"
+    assert "for which this held: motor = 1" in found.text
     assert verdict([Gap(GapKind.SELECTED, reason="x"), *polled(2)], "count(speed) > 1").value == 8
 
 
