@@ -14,7 +14,7 @@ have been held up.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -56,23 +56,14 @@ KNOWN: Final = 8
 """Frames in a row with 00 in the reserve after which the line is known to have it."""
 
 
-class _Arrival(NamedTuple):
-    """When the bytes of a chunk came."""
-
-    stop: int
-    t_ns: int
-    """`NO_TIME` where the input has no time."""
-    floor_ns: int
-    """Earliest time at which one of them can have begun."""
-    byte_ns: int
-
-
 class _Times:
     """The arrival times of one port's bytes, chunk by chunk."""
 
     def __init__(self, byte_ns: int) -> None:
         self.byte_ns = byte_ns
-        self._arrivals: list[_Arrival] = []
+        self._arrivals: list[tuple[int, int, int, int]] = []
+        """Of each chunk: the offset behind it, its time (`NO_TIME` without one), the earliest time
+        at which one of its bytes can have begun, and the time of a byte; nanoseconds."""
         self._size = self._floor_ns = 0
         self._silent_since: int | None = None
 
@@ -83,7 +74,7 @@ class _Times:
             self._size += size
             byte_ns = 0 if chunk.at_once else self.byte_ns
             known_ns = NO_TIME if t_ns is None else t_ns
-            self._arrivals.append(_Arrival(self._size, known_ns, self._floor_ns, byte_ns))
+            self._arrivals.append((self._size, known_ns, self._floor_ns, byte_ns))
             self._floor_ns = max(self._floor_ns, known_ns)
             self._silent_since = None if t_ns is None else self._floor_ns
         if t_ns is None or before is None or (size and chunk.is_late):
@@ -102,7 +93,7 @@ class _Times:
 
     def forget(self, offset: int) -> None:
         """Drop the times of the bytes before an offset."""
-        self._arrivals = [one for one in self._arrivals if one.stop > offset]
+        self._arrivals = [one for one in self._arrivals if one[0] > offset]
 
 
 def _reserves() -> Array:

@@ -34,11 +34,7 @@ def library_name() -> str:
 
 def host_facts(start_ns: int) -> dict[str, str]:
     """Metadata about this host at `start_ns`, nanoseconds since 1970 UTC."""
-    return {
-        "start": iso_time(start_ns),
-        "host": platform.node(),
-        "time": "when the row's first byte began on the wire, from the read's return, UTC",
-    }
+    return {"start": iso_time(start_ns), "host": platform.node()}
 
 
 def recording_facts(ports: Sequence[PortFacts], facts: Mapping[str, str]) -> dict[str, str]:

@@ -299,11 +299,6 @@ def encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def encodable_items(facts: Mapping[str, str]) -> dict[str, str]:
-    """Names and values for UTF-8."""
-    return {encodable(name): encodable(value) for name, value in facts.items()}
-
-
 def schemas() -> list[Schema]:
     """Every schema of a recording."""
     topics = {topic.schema: topic for topic in TOPICS}.values()

@@ -61,7 +61,7 @@ from fte_sniff.recording.schema import (
     TOPICS,
     channel_ids,
     channels_of,
-    encodable_items,
+    encodable,
     encode_event,
     schemas,
     topics_of,
@@ -196,7 +196,8 @@ class Encoder:
 
     def metadata(self, record: Metadata, at: int) -> bytes:
         """The bytes of a metadata record at an offset of the file."""
-        data = bytes_of(Metadata(record.name, encodable_items(record.metadata)))
+        items = {encodable(name): encodable(value) for name, value in record.metadata.items()}
+        data = bytes_of(Metadata(record.name, items))
         self._metadata.append(MetadataIndex(at, len(data), record.name))
         return data
 
