@@ -20,6 +20,7 @@ import numpy as np
 
 from benchmarks.live_program import LiveProgram
 from benchmarks.paced_line import CLOCK, PacedLine, Sent
+from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 from fte_sniff.recording.reader import Recording
 
@@ -32,8 +33,8 @@ WANTED_MS = 2.0
 def errors_ns(recording: Path, sent: Sent) -> np.ndarray:
     """The time of each row minus the true time, nanoseconds."""
     reader = Recording(recording)
-    rows = list(reader)
-    (facts,) = reader.metadata.values()
+    rows = [row for item in reader.items() if isinstance(item, Rows) for row in item]
+    facts = reader.facts
     tie = int(facts["clock_utc_at_tie_ns"]) - int(facts["clock_steady_at_tie_ns"])
     if len(rows) != sent.frames or any(len(row.raw) != FRAME_LENGTH for row in rows):
         raise RuntimeError(f"{sent.frames} frames were sent, but {len(rows)} rows came")
