@@ -107,10 +107,6 @@ def _format_for(output: Path | None, *, chooses: bool) -> OutputFormat:
     return OutputFormat.CSV if chooses else OutputFormat.TABLE
 
 
-def _is_stdout(path: Path | None) -> bool:
-    return path is None or str(path) in ("-", "/dev/stdout")
-
-
 @contextmanager
 def _opened(
     form: OutputFormat, path: Path | None, source: ExportSource, *, force: bool
@@ -125,7 +121,7 @@ def _opened(
         FileError: the file exists (and `force` is not set), or cannot be written.
         BrokenPipeError: standard output lost its reader.
     """
-    if path is not None and not _is_stdout(path):
+    if path is not None and path != STDIN:
         existing = Existing.REPLACE if force else Existing.REFUSE
         with exported(path, form, source, existing) as write:
             yield write

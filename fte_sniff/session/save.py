@@ -56,9 +56,6 @@ class ExportSource:
     """Zone of the times in a table or CSV."""
 
 
-UNKNOWN = ExportSource()
-
-
 @contextmanager
 def writing(form: OutputFormat, stream: IO[Any], source: ExportSource) -> Iterator[Write]:
     """Write items to a stream that stays open; what the format requires at its end comes last.

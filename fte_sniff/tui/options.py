@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Final
 
 from fte_sniff.analysis.line_setup import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import Notes
-from fte_sniff.session.save import UNKNOWN, ExportSource
+from fte_sniff.session.save import ExportSource
 from fte_sniff.tui.cells import TableView
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class StartOptions:
     save_choices: Callable[[Choices], None] | None = None
     warnings: tuple[str, ...] = ()
     """Problems from before the screen opened, a sentence each."""
-    export_source: ExportSource = UNKNOWN
+    export_source: ExportSource = field(default_factory=ExportSource)
     """Facts about the rows that are saved with them."""
     zone: tzinfo | None = None
     """Zone of local times, in which the times are shown first; None for that of the machine, and
