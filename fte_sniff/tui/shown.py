@@ -7,7 +7,7 @@ position  of a row among those that are shown
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right, insort
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final
@@ -16,13 +16,11 @@ import numpy as np
 
 from fte_sniff.analysis.store import STEP_ROWS, Matches, RowStore
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Bools, Ints, Rows
+from fte_sniff.protocol.rows import Ints, Rows
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
-
-RowTest = Callable[[Rows], Bools]
-"""Whether each row of a batch passes."""
+    from fte_sniff.analysis.table import RowTest
 
 ROUTINE: Final = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 """Events that every capture has."""
