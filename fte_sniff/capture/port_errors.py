@@ -16,10 +16,6 @@ from fte_sniff.platform import POSIX, TerminalError
 if POSIX:
     import grp
 
-_NO_RFC2217 = re.compile(
-    r"does not seem to support RFC2217|(?:option '|[ [])\w+(?:'|:(?!ACTIVE)\w+)"
-)
-"""In pyserial's text: a server that refuses an option, or does not answer to it."""
 _WINDOWS_ERROR = re.compile(r"could not open port .*: \w+Error\((\d+), ")
 """The system's error number in pyserial's text on Windows."""
 _FORBIDDEN, _BUSY = {errno.EACCES, errno.EPERM}, {errno.EBUSY, errno.EAGAIN}
@@ -67,9 +63,9 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
         if isinstance(known, PortError):
             return known
     named, number = printable(name), _errno_of(error)
-    if scheme_of(name) == "rfc2217" and (
-        _NO_RFC2217.search(str(error)) or number in (errno.ECONNRESET, errno.EPIPE)
-    ):
+    is_option = isinstance(error, LookupError)
+    refusals = None, errno.ECONNRESET, errno.EPIPE
+    if scheme_of(name) == "rfc2217" and number in refusals and not is_option:
         # pyserial's own text may end with a dump of the telnet options.
         bare = printable(f"socket://{re.split('[/?#]', name.partition('://')[2])[0]}")
         return PortError(
@@ -82,7 +78,6 @@ def port_error(name: str, device: str | None, error: BaseException) -> PortError
     if what is None:
         # pyserial's text repeats the name. For an unknown option in a URL it says nothing useful.
         unread = TranslatableText("its options cannot be read")
-        is_option = isinstance(error, LookupError)
         reason = unread if is_option else one_line(error, without=f"port {named}: ")
         what = TranslatableText(" cannot be opened: {why}", why=reason)
         if is_network(name):

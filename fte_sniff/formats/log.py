@@ -60,11 +60,8 @@ def _hex(run: str) -> bytes:
 
 
 def _numbers(value_of: Callable[[str], int], run: str) -> bytes:
-    values = [*map(value_of, _NUMBERS.findall(run))]
-    try:
-        return bytes(values)
-    except ValueError:  # signed
-        return bytes(value % 256 if value >= -128 else value for value in values)
+    values = map(value_of, _NUMBERS.findall(run))
+    return bytes([value + 256 if -129 < value < 0 else value for value in values])
 
 
 def _octal(run: str) -> bytes:
@@ -260,7 +257,7 @@ class LineReader:
         """By lane with frames, which bytes of a run are data: none if another lane has them too."""
         self._has_words_behind = False
         """Whether words may be behind a short run."""
-        self._above, self._heads, self._stamps = Heading(), True, 0
+        self._above, self._heads, self._has_ways, self._stamps = Heading(), True, True, 0
         self._skipped, self._example = 0, ""
         if pattern is None:
             self._learn_lanes(lines)
@@ -330,10 +327,11 @@ class LineReader:
         for run in self.form.run.finditer(text):
             if data := self._data(text, run):
                 before = text[stop : run.start()][-_LONGEST_BEFORE:]
-                way = way_in(before) or way
+                way = way_in(before) or way if self._has_ways else ""
                 found.append(Entry(data, way, before, time))
                 stop = run.end()
-        if found and not way and (way := way_in(text[stop : stop + _LONGEST_BEFORE])):
+        if found and self._has_ways and not way:
+            way = way_in(text[stop : stop + _LONGEST_BEFORE])
             return [entry._replace(way=way) for entry in found]
         return found
 
@@ -373,6 +371,7 @@ class LineReader:
         if len({label(*one) for one in found} - {""}) <= 1:
             named = ((one, _ways_of_names(found, one)) for one in (_NAME_BESIDE, _NAME_ABOVE))
             label, names = next(filter(itemgetter(1), named), (_WAY_BESIDE, {}))
+            self._has_ways = False
             self._way = lambda entry, above: names.get(label(entry, above), "")
         self._heads = self._times_above or label in (_WAY_ABOVE, _NAME_ABOVE)
         self.wires = dict(_by(found, self._way))
