@@ -45,7 +45,6 @@ from fte_sniff.protocol.spec import (
     NAME_OF_ROLE,
     Direction,
     Fault,
-    FrameKind,
     Role,
     motor_bit,
 )
@@ -123,13 +122,6 @@ COLUMNS: Final = frozenset(
     for name, _ in named(form)
 )
 """All columns."""
-
-
-def by_role(role: Role, *, target: bool) -> list[FrameKind]:
-    """The kinds that name a motor and have a target, or a present value, of that role."""
-    direction = Direction.CONTROL if target else Direction.FEEDBACK
-    found = [one for one in KINDS if one.direction is direction and one.names_motor]
-    return [one for one in found if one.subject == NAME_OF_ROLE[role]]
 
 
 # Events that depend on the frames beside them; none of them spans a gap
@@ -309,10 +301,10 @@ def _count_values(counter: _Counter, rows: Rows, runs: Ints) -> None:
     """Count targets and present values, and the commands to all motors."""
     kinds, nums = rows.kinds, rows.nums
     counter.add("free", np.flatnonzero(COMMANDS[kinds] & ~NAMES_MOTOR[kinds]))
-    for motor, role, is_target in product(MOTORS, VALUES, (True, False)):
-        for kind in by_role(role, target=is_target):
-            at = np.flatnonzero((nums == motor) & (kinds == KINDS.index(kind)))
-            values = values_at(rows, NAME_OF_ROLE[role], at)
+    for motor, role, (code, kind) in product(MOTORS, VALUES, enumerate(KINDS)):
+        if kind.names_motor and kind.subject == NAME_OF_ROLE[role]:
+            at = np.flatnonzero((nums == motor) & (kinds == code))
+            values, is_target = values_at(rows, NAME_OF_ROLE[role], at), COMMANDS[code]
             counter.add(f"{'target' if is_target else 'present'} {role} {motor}", at, values)
             if not is_target:
                 counter.add(f"jump {role} {motor}", at[jumps(values, runs[at])])

@@ -370,13 +370,11 @@ def _series(events: Events) -> Iterator[_Series]:
 
 
 def _sure_spans(series: _Series) -> Iterator[BadSpan]:
-    """The spans of events that need no comparison, at most `MOST_SPANS`."""
+    """The spans of events that need no comparison: one, if they are more than `MOST_SPANS`."""
     counts, low, high = series.counted
     hits = np.flatnonzero(counts)
-    pauses = low[hits[1:]] - high[hits[:-1]]
-    longest = np.argsort(-pauses, kind="stable")[: MOST_SPANS - 1]
-    cuts = np.sort(longest[pauses[longest] > _PAUSE_NS]) + 1
-    for own in np.split(hits, cuts) if len(hits) else ():
+    cuts = np.flatnonzero(low[hits[1:]] - high[hits[:-1]] > _PAUSE_NS) + 1
+    for own in np.split(hits, cuts if len(cuts) < MOST_SPANS else 1):
         events = int(counts[own].sum())
         if events >= series.case.sure:
             yield BadSpan(log(events) - len(own) * log(_CHANCE), int(own[0]), int(own[-1]))
