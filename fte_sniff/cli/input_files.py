@@ -54,6 +54,7 @@ from fte_sniff.session.following import Follower, followed
 from fte_sniff.session.framing import raw_chunks
 from fte_sniff.session.inputs import (
     STDIN_NAME,
+    SUFFIXES,
     Input,
     InputKind,
     InputReading,
@@ -520,7 +521,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
         if stream is not None:
             return chunk_input(name, chunks(), baud=baud)
         count = path.stat().st_size // FRAME_LENGTH
-        return chunk_input(name, chunks(), chunks, baud, count=count)
+        is_guess = query.kind is None and path.suffix.lower() not in SUFFIXES[kind]
+        return chunk_input(name, chunks(), chunks, baud, count=count, is_guess=is_guess)
     from fte_sniff.formats.log import Log
     from fte_sniff.formats.log_times import LogOptions
 

@@ -60,7 +60,7 @@ class InputKind(StrEnum):
     HEX = "hex"
 
 
-_SUFFIXES: Final = {
+SUFFIXES: Final = {
     InputKind.MCAP: {".mcap"},
     InputKind.RAW: {".bin", ".raw"},
     InputKind.HEX: {".hex", ".txt", ".log", ".csv", ".jsonl"},
@@ -75,7 +75,7 @@ def kind_of(name: str, first: bytes) -> InputKind:
     hold no bytes of the wire.
     """
     refuse_known(name, first)
-    for kind, suffixes in _SUFFIXES.items():
+    for kind, suffixes in SUFFIXES.items():
         if Path(name).suffix.lower() in suffixes:
             return kind
     if first.startswith(_MCAP_MAGIC):
@@ -159,6 +159,7 @@ def chunk_input(
     *,
     ports: Sequence[str] = (),
     count: int | None = None,
+    is_guess: bool = False,
     notes: Callable[[], Iterable[str]] = tuple,
 ) -> Input:
     """Chunks, which are framed here: a log, raw bytes, or topics of another program.
@@ -170,6 +171,7 @@ def chunk_input(
         baud: bits per second.
         ports: the ports of the chunks.
         count: number of rows, about.
+        is_guess: whether nothing says that these are bytes of a wire: then a frame has to be there.
         notes: returns what else is remarkable, once all chunks are read.
     """
 
@@ -188,12 +190,19 @@ def chunk_input(
         return tally.times
 
     def read(span: TimeRange | None, note: Note) -> Iterator[Rows]:
+        frames = 0
         try:
             for rows in rows_of_chunks(chunks, note, baud):
+                frames += int(rows.framed.sum())
                 yield rows if span is None else rows.select(span.mask(rows.t_ns))
         finally:
             for text in notes():
                 note(f"{name}: {text}")
+        if is_guess and not frames:
+            raise FileError(
+                f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"
+                " --input raw reads them as such"
+            )
 
     return Input(name, read, times, first_ns, [PortFacts(port) for port in ports or [name]], count)
 
