@@ -300,6 +300,7 @@ def _screen(rows: int, text: str) -> None:
     from fte_sniff.protocol.spec import KIND_BY_NAME, encode
     from fte_sniff.tui.app import run_screen
     from fte_sniff.tui.options import StartOptions
+    from tests.support.columns import rows_from
 
     raws = [
         encode(KIND_BY_NAME["speed"], {"motor": 1 + number % 4, "rpm": number % 2000 - 1000})
@@ -310,7 +311,7 @@ def _screen(rows: int, text: str) -> None:
         return [Row("p", 10 * n, raws[n % 4000], t_ns) for n in range(first, first + count)]
 
     def updates() -> Iterator[FeedUpdate]:
-        came, old = 0, Rows.of(made(0, BATCH, 0))
+        came, old = 0, rows_from(made(0, BATCH, 0))
         step_ns = 10**9 // PER_SECOND
         start_ns = time.time_ns() - rows * step_ns
         while came < rows:
@@ -324,7 +325,7 @@ def _screen(rows: int, text: str) -> None:
             due = rows + int((time.monotonic() - start) * PER_SECOND)
             new = made(came, due - came, time.time_ns())
             came = due
-            yield FeedUpdate(FeedState("READY", rows=came), Rows.of(new))
+            yield FeedUpdate(FeedState("READY", rows=came), rows_from(new))
 
     class GrowingFeed:
         def __init__(self) -> None:

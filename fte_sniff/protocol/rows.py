@@ -226,25 +226,6 @@ class Rows(Sequence[Row]):
         return cls(found, ports)
 
     @classmethod
-    def of(cls, rows: Iterable[Row]) -> Self:
-        """The columns of single rows; raises ValueError if one has more than 16 bytes."""
-        rows = list(rows)
-        if any(len(row.raw) > MOST_BYTES for row in rows):
-            raise ValueError(f"a row has at most {MOST_BYTES} bytes")
-        ports = tuple(dict.fromkeys(row.port for row in rows))
-        raw = b"".join(row.raw.ljust(MOST_BYTES, b"\0") for row in rows)
-        columns: dict[str, Any] = {
-            "port": [ports.index(row.port) for row in rows],
-            "length": [len(row.raw) for row in rows],
-            "faults": [fault_bits(row.faults) for row in rows],
-            "raw": np.frombuffer(raw, np.uint8).reshape(-1, MOST_BYTES),
-        }
-        for name in COLUMNS.keys() - columns.keys():
-            values = [getattr(row, name) for row in rows]
-            columns[name] = [COLUMNS[name][1] if one is None else one for one in values]
-        return cls.blank(len(rows), ports, **columns)
-
-    @classmethod
     def concat(cls, parts: Sequence[Rows]) -> Rows:
         """All rows, in order."""
         if len(parts) == 1:

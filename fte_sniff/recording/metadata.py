@@ -63,11 +63,6 @@ class Part(NamedTuple):
     number: int
     """From 1."""
 
-    @property
-    def next(self) -> Part:
-        """The file after it."""
-        return self._replace(number=self.number + 1)
-
 
 def part_of(facts: Mapping[str, str]) -> Part | None:
     """Which file of a capture has these facts; None if they do not show it."""

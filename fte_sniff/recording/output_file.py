@@ -176,16 +176,14 @@ class KnownFile(NamedTuple):
         """The file at a path, which has this status."""
         return cls(path, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
 
-    def delete(self) -> bool:
-        """Delete the file; False if the path leads to another one, or is a link: those stay.
+    def delete(self) -> None:
+        """Delete the file; if the path leads to another one, or is a link, that stays.
 
         Raises OSError if there is none, or it cannot be deleted.
         """
-        if KnownFile.of(self.path, self.path.lstat()) != self:
-            return False
-        self.path.unlink()
-        sync_folder(self.path.parent)
-        return True
+        if KnownFile.of(self.path, self.path.lstat()) == self:
+            self.path.unlink()
+            sync_folder(self.path.parent)
 
 
 class LostDataError(OSError):

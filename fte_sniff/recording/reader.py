@@ -66,7 +66,6 @@ from fte_sniff.recording.skeletons import (
     MessageType,
 )
 
-SUFFIX: Final = ".mcap"
 BATCH: Final = 1024 * 1024
 """Unpacked bytes of one batch, at most; a larger chunk is one: it is not copied."""
 _THREADS: Final = 2

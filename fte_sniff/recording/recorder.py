@@ -12,7 +12,6 @@ of the files before it, too.
 
 from __future__ import annotations
 
-import errno
 import shutil
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -46,7 +45,6 @@ DEFAULT_FREE_BYTES: Final = 1_000_000_000
 
 _ROTATE_BYTES: Final = 512_000_000
 _FILES: Final = 8
-_FULL: Final = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,9 +205,10 @@ class Recorder:
             return
         if self._is_rotation_due(writer) and self._begin_next():
             self._put_away(writer)
-        limit_bytes = self._options.keep_bytes
-        while limit_bytes is not None and self.size > limit_bytes and self._delete_oldest():
-            pass
+        while self._closed and self.size > (self._options.keep_bytes or inf):
+            # What another program replaced or moved is not deleted, and counts no more.
+            with suppress(OSError):
+                self._closed.pop(0).delete()
         if self._writer is not None and (error := self._space_error) is not None:
             self._fail(self._writer, self._writer.stopped_by(error))
 
@@ -290,10 +289,7 @@ class Recorder:
             gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
         self._gaps.append(gap)
         self._wait(writer.unflushed)
-        may_try = time.monotonic() >= self._due_s
-        if error.errno in _FULL and self._options.keep_bytes is not None:
-            may_try = self._delete_oldest()
-        if may_try:
+        if time.monotonic() >= self._due_s:
             self._begin_next()
         self._due_s = time.monotonic() + RETRY_S
 
@@ -313,17 +309,6 @@ class Recorder:
                 self._gaps[-1] = gap.including(span_ns[0], len(entry)).including(span_ns[1], 0)
 
     # Space
-
-    def _delete_oldest(self) -> bool:
-        """Delete the capture's oldest closed file; False if there is none that may go.
-
-        A file that another program replaced or moved, or that cannot be deleted, counts no more.
-        """
-        if not self._closed or (self._writer is None and len(self._closed) == 1):
-            return False  # the last file, which has just failed, stays
-        with suppress(OSError):
-            self._closed.pop(0).delete()
-        return True
 
     @property
     def _space_error(self) -> OSError | None:

@@ -281,7 +281,7 @@ def groups_of(inputs: Sequence[Input], *, pair: bool = False) -> list[Sequence[I
             chains.append(chain := [])
         chain.append(one)
         if part is not None:
-            by_next[part.next] = chain
+            by_next[part._replace(number=part.number + 1)] = chain
     return sorted(chains, key=lambda chain: inputs.index(chain[0]))
 
 

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.segments import SEGMENT_ROWS, Segments
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import BaudChange, Gap, GapKind, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Item, Row, Rows
+from fte_sniff.protocol.rows import Item, Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
+from tests.support.columns import rows_from
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -77,10 +78,10 @@ def items_of(steps: Sequence[Row | Item]) -> list[Item]:
             waiting.append(step)
             continue
         if waiting:
-            found.append(Rows.of(waiting))
+            found.append(rows_from(waiting))
             waiting = []
         found.append(step)
-    return [*found, Rows.of(waiting)] if waiting else found
+    return [*found, rows_from(waiting)] if waiting else found
 
 
 _FRAMES = st.one_of(

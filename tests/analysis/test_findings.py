@@ -37,6 +37,7 @@ from tests.analysis import captures as some
 from tests.analysis.captures import segments, table_of
 from tests.analysis.test_compare import counts_by_key
 from tests.analysis.test_segments import tables
+from tests.support.columns import rows_from
 
 
 @cache
@@ -81,7 +82,7 @@ def test_a_second_offline_does_not_explain_answers_that_are_lost_all_the_time() 
 
 def polled(seconds: int, changes: Callable[[int, int], dict[str, int]]) -> Rows:
     """Feedback of four motors, 20 times a second; `changes` are values by number and motor."""
-    return Rows.of(
+    return rows_from(
         feedback(n * SECOND // 20 + motor, motor, **changes(n, motor))
         for n in range(20 * seconds)
         for motor in (1, 2, 3, 4)
@@ -127,7 +128,7 @@ def test_a_finding_about_most_motors_leaves_the_others_as_they_are() -> None:
 
 @pytest.mark.usefixtures("feedback_without_flags")
 def test_feedback_without_online_takes_no_motor_offline() -> None:
-    assert report(Rows.of(some.talk_with_feedback_without_flags(60))).found == []
+    assert report(rows_from(some.talk_with_feedback_without_flags(60))).found == []
 
 
 def test_unknown_column_is_an_error() -> None:
@@ -172,7 +173,7 @@ def _damaged_now_and_then(motors: tuple[int, ...]) -> Rows:
             rows.append(cut(t_ns, raw))
         else:
             rows.append(feedback(t_ns, motor=motor))
-    return Rows.of(rows)
+    return rows_from(rows)
 
 
 def test_damage_explains_no_more_late_answers_than_it_can() -> None:
@@ -248,7 +249,7 @@ def slower(motor: int, delay_ms: float) -> list[Item]:
     """Five minutes of motors that answer after 3 ms, and one that does otherwise."""
     rows = some.polled(6000, motors=[one for one in (1, 2, 3, 4) if one != motor])
     rows += some.polled(6000, motors=(motor,), delay_ms=delay_ms)
-    return [Rows.of(sorted(rows, key=lambda row: row.t_ns or 0))]
+    return [rows_from(sorted(rows, key=lambda row: row.t_ns or 0))]
 
 
 def test_motor_that_is_slower_all_the_time_is_unlike_the_others() -> None:
@@ -293,7 +294,7 @@ def test_motors_that_answer_alike_are_no_finding() -> None:
 def test_motor_that_never_answers_is_one_finding() -> None:
     rows = some.polled(1000)
     rows = [row for row in rows if row.raw[:1] == b"\xaa" or row.raw[2] != 4]
-    (found,) = report(Rows.of(rows)).found
+    (found,) = report(rows_from(rows)).found
     assert (found.cause, found.motor, found.events) == (Cause.UNANSWERED, 4, 999)
     assert found.text == "motor 4 answered none of 999 commands; other motors answered"
 

@@ -7,7 +7,7 @@ import pytest
 
 from fte_sniff.analysis.motors import MotorState, Trouble, motors_at
 from fte_sniff.analysis.plots import envelope, motor_values
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, Direction
 from tests.analysis.captures import (
     MS,
@@ -19,6 +19,7 @@ from tests.analysis.captures import (
     table_of,
     talk_with_feedback_without_flags,
 )
+from tests.support.columns import rows_from
 
 
 def states(rows: list[Row]) -> list[MotorState]:
@@ -119,7 +120,7 @@ def test_commands_without_feedback_say_nothing() -> None:
 
 
 def test_rows_without_times_have_values_and_no_rates() -> None:
-    rows = Rows.of([frame("speed", None, rpm=7), frame("speed_feedback", None, rpm=7)])
+    rows = rows_from([frame("speed", None, rpm=7), frame("speed_feedback", None, rpm=7)])
     table = table_of([*rows])
     state = motors_at(table.with_facts, table.runs)[0]
     assert (state.answered, state.delay_p99_ns) == (1, None)
@@ -128,7 +129,7 @@ def test_rows_without_times_have_values_and_no_rates() -> None:
 
 
 def test_envelope_has_the_extremes_and_last_value_of_each_column() -> None:
-    rows = Rows.of([frame("speed_feedback", at, rpm=int(at % 7)) for at in range(100)])
+    rows = rows_from([frame("speed_feedback", at, rpm=int(at % 7)) for at in range(100)])
     t_ns, values = motor_values(rows, Direction.FEEDBACK, "rpm")[1]
     low, high, last = envelope(t_ns, values, (START, START + 200 * MS), 20)
     assert low[:10].tolist() == [0] * 10

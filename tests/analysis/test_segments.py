@@ -12,6 +12,7 @@ from fte_sniff.analysis.segments import Segments, added
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.rows import FACTS, NO_FACT, Item, Row, Rows
 from tests.analysis.captures import captures, frame, items_of, polled, table_of
+from tests.support.columns import rows_from
 
 
 def tables(steps: list[Row | Item], most: int) -> list[Table]:
@@ -69,7 +70,7 @@ def test_sources_are_named_by_row() -> None:
     cutter = Segments(most=2**62)
     for name in ("one", "two"):
         cutter.begin(name)
-        assert not [*cutter.push(Rows.of([frame("speed", 0), frame("speed", 1)]))]
+        assert not [*cutter.push(rows_from([frame("speed", 0), frame("speed", 1)]))]
     table = cutter.rest()
     assert [table.sources[code] for code in table.source] == ["one", "one", "two", "two"]
 
@@ -88,7 +89,7 @@ def test_counts_add_up_as_their_names_say() -> None:
 
 def test_facts_of_the_last_second_wait_for_the_rows_that_decide_them() -> None:
     cutter = Segments(most=1)
-    rows = Rows.of(polled(100))
+    rows = rows_from(polled(100))
     (table,) = cutter.push(rows)
     assert 0 < len(rows) - table.stop <= 8 * 21
     assert (table.with_facts.answer_ns[: table.stop : 2] != NO_FACT).all()

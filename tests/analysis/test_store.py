@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.store import Matches, RowStore
-from fte_sniff.protocol.rows import FACTS, Item, Row, Rows
+from fte_sniff.protocol.rows import FACTS, Item, Row
 from tests.analysis.captures import MS, captures, frame, items_of, polled, table_of
+from tests.support.columns import rows_from
 
 BLOCK = 8
 
@@ -70,7 +71,7 @@ def test_matches_are_the_rows_that_pass_in_any_steps(steps: list[Row | Item], mo
 
 def test_row_that_needs_no_facts_is_shown_at_once() -> None:
     store = RowStore()
-    store.append(Rows.of([frame("speed", 0)]))
+    store.append(rows_from([frame("speed", 0)]))
     shown, waiting = (
         Matches(store),
         Matches(store, lambda rows: rows.unanswered < 1, needs_facts=True),

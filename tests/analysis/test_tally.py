@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.tally import Rate, Tally
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import Status
+from tests.support.columns import rows_from
 
 SECOND = 1_000_000_000
 
@@ -18,8 +19,8 @@ SECOND = 1_000_000_000
 @given(rows=st.lists(st.from_type(Row), max_size=12), cut=st.integers(0, 12))
 def test_a_tally_equals_a_count_by_hand(rows: list[Row], cut: int) -> None:
     tally, later = Tally(), Tally()
-    tally.observe(Rows.of(rows[:cut]))
-    later.observe(Rows.of(rows[cut:]))
+    tally.observe(rows_from(rows[:cut]))
+    later.observe(rows_from(rows[cut:]))
     tally.merge(later)
     times = [row.t_ns for row in rows if row.t_ns is not None]
     assert (tally.rows, tally.frames) == (len(rows), sum(row.framed for row in rows))

@@ -6,10 +6,11 @@ import json
 import re
 from pathlib import Path
 
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
+from tests.support.columns import rows_from
 from tests.support.recorded_rows import write_recording
 
 MS = 1_000_000
@@ -18,7 +19,7 @@ BAD = "count(malformed) == 0"
 
 
 def write(path: Path, rows: list[Row]) -> Path:
-    write_recording(path, [PortFacts("a", 115_200)], [Rows.of(rows)], {})
+    write_recording(path, [PortFacts("a", 115_200)], [rows_from(rows)], {})
     return path
 
 

@@ -28,6 +28,7 @@ from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
 from tests.beside import server_socket
 from tests.cli.conftest import ROOT
 from tests.cli.processes import ended, started, stderr_until, wait_until
+from tests.support.columns import rows_from
 from tests.waiting import BOUND_S, while_waiting
 
 pytestmark = pytest.mark.program
@@ -89,7 +90,7 @@ def noise(count: int) -> Rows:
     rows = [
         Row("p", 10 * n, bytes(10), 1000 * n, (Fault.NOISE,), framed=False) for n in range(count)
     ]
-    return Rows.of(rows)
+    return rows_from(rows)
 
 
 def recorded(path: Path) -> dict[tuple[str, int], Any]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from fte_sniff.analysis.segments import summed
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from tests.analysis.captures import segments
+from tests.support.columns import rows_from
 
 pytestmark = pytest.mark.extra
 report_page = pytest.importorskip("fte_sniff.cli.report_page")
@@ -22,7 +23,7 @@ def test_windows_of_hours_keep_a_spike_and_stay_few(most: int) -> None:
         for at in range(10_000)
     ]
     rows = [Row("p", 10 * at, raw, 10**18 + at * 10**9) for at, raw in enumerate(raws)]
-    items = [Rows.of(rows[at : at + 100]) for at in range(0, len(rows), 100)]
+    items = [rows_from(rows[at : at + 100]) for at in range(0, len(rows), 100)]
     counts = summed([report_page.counted(one) for one in segments(items, most)])
     values = report_page.in_few(counts["plot values"])
     assert report_page.MOST_WINDOWS / 2 <= len(values) <= report_page.MOST_WINDOWS + 1

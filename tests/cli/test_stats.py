@@ -12,11 +12,11 @@ import pytest
 
 import fte_sniff
 from fte_sniff.protocol.items import PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
 from tests.cli.terminals import terminal
+from tests.support.columns import rows_from
 from tests.support.recorded_rows import write_recording
 
 SECOND = 10**9
@@ -52,7 +52,7 @@ def test_a_pipe_has_no_width_and_no_line_is_wrapped_or_cut(
 
 
 def recorded(path: Path, port: PortFacts, rows: list[fte_sniff.Row], events: list[PortEvent]):
-    write_recording(path, [port], [Rows.of(rows)], {}, events)
+    write_recording(path, [port], [rows_from(rows)], {}, events)
 
 
 def speed(port: str, at: int, t: int) -> fte_sniff.Row:

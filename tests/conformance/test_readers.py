@@ -10,7 +10,6 @@ import pytest
 from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.repair import repaired
 from fte_sniff.protocol.items import PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
@@ -21,7 +20,7 @@ from tests.beside import running
 from tests.conformance.conftest import Lines, Recorded
 from tests.conformance.expected import digest, expected_lines
 from tests.recording.conftest import START, some_rows
-from tests.support.columns import entries
+from tests.support.columns import entries, rows_from
 from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S, wait_until
 
@@ -47,7 +46,7 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     watch = ("node", "watch.mjs", server.url)
     with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
         wait_until(lambda: len(server.wanted) == len(TOPICS) or viewer.poll() is not None)
-        server.send(Rows.of(rows), events)
+        server.send(rows_from(rows), events)
         server.close()
         read = viewer.communicate(timeout=BOUND_S)[0].decode().splitlines()
     assert read == expected_lines(rows, events)
@@ -61,7 +60,7 @@ PORT = PortFacts("/dev/ttyUSB0", 115_200)
 
 
 def _write_bulk(folder: Path) -> None:
-    batches = (Rows.of(some_rows(15_000, start=START + n * 10**12)) for n in range(3))
+    batches = (rows_from(some_rows(15_000, start=START + n * 10**12)) for n in range(3))
     write_recording(folder / "x.mcap", [PORT], batches)
 
 

@@ -18,6 +18,7 @@ from fte_sniff.protocol.rows import (
     faults_in,
 )
 from fte_sniff.protocol.spec import KINDS, MOTORS, VALUE_FIELDS, Direction, Fault, Status, encode
+from tests.support.columns import rows_from
 
 SPEED = encode(KINDS[1], {"motor": 1, "rpm": -1000})
 
@@ -67,14 +68,14 @@ def same(found: Rows, expected: list[Row]) -> bool:
 
 @given(many_rows)
 def test_columns_and_single_rows_are_the_same(rows: list[Row]) -> None:
-    assert same(Rows.of(rows), rows)
-    assert same(pickle.loads(pickle.dumps(Rows.of(rows))), rows)
+    assert same(rows_from(rows), rows)
+    assert same(pickle.loads(pickle.dumps(rows_from(rows))), rows)
 
 
 @given(st.lists(many_rows, max_size=4))
 def test_concatenated_rows_keep_order_and_ports(parts: list[list[Row]]) -> None:
     every = [row for part in parts for row in part]
-    found = Rows.concat([Rows.of(part) for part in parts])
+    found = Rows.concat([rows_from(part) for part in parts])
     assert same(found, every)
     assert set(found.used_ports) == {row.port for row in every}
     assert found.tobytes() == b"".join(row.raw for row in every)
@@ -83,7 +84,7 @@ def test_concatenated_rows_keep_order_and_ports(parts: list[list[Row]]) -> None:
 
 @given(many_rows, st.slices(20), st.data())
 def test_chosen_rows_are_those_of_a_list(rows: list[Row], part: slice, data: st.DataObject) -> None:
-    columns = Rows.of(rows)
+    columns = rows_from(rows)
     assert same(columns[part], rows[part])
     mask = data.draw(st.lists(st.booleans(), min_size=len(rows), max_size=len(rows)))
     chosen = columns.select(np.array(mask, np.bool_))
@@ -95,7 +96,7 @@ def test_chosen_rows_are_those_of_a_list(rows: list[Row], part: slice, data: st.
 
 @given(many_rows)
 def test_columns_of_meaning_follow_the_single_rows(rows: list[Row]) -> None:
-    columns = Rows.of(rows)
+    columns = rows_from(rows)
     kinds = [NO_KIND if row.kind is None else KINDS.index(row.kind) for row in rows]
     words = [*Direction, None]
     assert columns.kinds.tolist() == kinds
@@ -112,7 +113,7 @@ def test_columns_of_meaning_follow_the_single_rows(rows: list[Row]) -> None:
 
 @given(st.lists(rows_of(frames, framed=True), min_size=1, max_size=10))
 def test_previous_field_is_read_from_the_payload_before(rows: list[Row]) -> None:
-    columns = Rows.of(rows)
+    columns = rows_from(rows)
     before = columns.replace(previous=columns.payloads)
     for field in VALUE_FIELDS:
         if field.name != "motor":
@@ -129,7 +130,5 @@ def test_blank_rows_check_their_columns() -> None:
         Rows.blank(1, colour=[1])
     with pytest.raises(ValueError, match="offset has the shape"):
         Rows.blank(2, offset=[1])
-    with pytest.raises(ValueError, match="at most 16 bytes"):
-        Rows.of([Row("a", 0, bytes(17), None, framed=False)])
     with pytest.raises(ValueError, match="not in"):
-        Rows.of([Row("a", 0, b"1", None)]).with_ports(("b",))
+        rows_from([Row("a", 0, b"1", None)]).with_ports(("b",))

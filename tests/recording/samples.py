@@ -18,6 +18,7 @@ from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.recording.writer import BulkWriter, RecordingWriter
+from tests.support.columns import rows_from
 
 START = 1_770_000_000_000_000_000
 STEP = 868_000
@@ -84,7 +85,7 @@ def events_in(path: Path) -> list[PortEvent]:
 def flush_each(writer: RecordingWriter | Recorder, rows: Sequence[Row], size: int = 40) -> None:
     """Write and flush so many rows at a time."""
     for start in range(0, len(rows), size):
-        writer.write(Rows.of(rows[start : start + size]))
+        writer.write(rows_from(rows[start : start + size]))
         writer.flush()
 
 
@@ -107,7 +108,7 @@ def bulk(path: Path) -> None:
         writer = BulkWriter(file.fileno(), [FIRST])
         rows = some_rows(400, BOTH)
         for start in range(0, len(rows), 40):
-            writer.write(Rows.of(rows[start : start + 40]))
+            writer.write(rows_from(rows[start : start + 40]))
             writer.flush()
         writer.close()
 

@@ -14,11 +14,12 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from mcap.records import Metadata
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
+from tests.support.columns import rows_from
 from tests.support.recording_kill import kill_one
 
 SIZE = 30
@@ -104,7 +105,7 @@ def test_a_kill_at_any_time_leaves_a_file_that_opens_with_all_flushed_rows(tmp_p
 
 def refused(writer: RecordingWriter, rows: list[Row]) -> str:
     """The error of a flush that the system refuses."""
-    writer.write(Rows.of(rows))
+    writer.write(rows_from(rows))
     with pytest.raises(FileError) as caught:
         writer.flush()
     writer.abandon()
@@ -121,7 +122,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path) -> None:
         for limit in (1, 40, 700, 3000):
             with file_size_limit(len(before) + limit):
                 writer.unflushed = []
-                writer.write(Rows.of(rows[60:]))
+                writer.write(rows_from(rows[60:]))
                 with pytest.raises(FileError, match=r"is complete up to there \(60 rows\)"):
                     writer.flush()
             assert path.read_bytes() == before

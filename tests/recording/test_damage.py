@@ -22,7 +22,7 @@ from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.cli.repair import repaired
 from fte_sniff.errors import FileError
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.recording.chunks import LARGEST, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
@@ -42,6 +42,7 @@ from tests.recording.samples import (
     rows_of,
     some_rows,
 )
+from tests.support.columns import rows_from
 
 SECTOR = 512
 CLAIMS = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**63, 2**64 - 1)
@@ -82,7 +83,7 @@ def check(one: Recorded, damaged: bytes, path: Path, span: TimeRange) -> Found:
     left = {places[row.offset, row.raw, row.t_ns] for row in one.left(damaged)}
     assert left <= {*numbers}, f"rows of whole chunks are not read: {reports}"
     inside = found_in(path, span)
-    assert unnamed(inside.rows) == unnamed(rows_of(span.within([Rows.of(rows)])))
+    assert unnamed(inside.rows) == unnamed(rows_of(span.within([rows_from(rows)])))
     check_repair(one, path, found)
     if recording is not None:
         chunks = recording.contents.chunks

@@ -31,6 +31,7 @@ from tests.recording.samples import (
     rows_in,
     some_rows,
 )
+from tests.support.columns import rows_from
 
 ROTATED = RecordingOptions(rotate_bytes=15_000)
 
@@ -112,7 +113,7 @@ def test_what_is_shown_at_once_is_on_the_disk_when_its_time_has_come(
     monkeypatch.setattr("fte_sniff.recording.writer.sync_data", syncs.append)
     recorder.flush_if_due(START, at_once=True)
     assert not syncs, "the head is on the disk"
-    recorder.write(Rows.of(rows))
+    recorder.write(rows_from(rows))
     recorder.flush_if_due(START + 10**9 - 1, at_once=True)
     assert (rows_in(path), syncs) == (rows, [])
     recorder.flush_if_due(START + 10**9, at_once=True)
@@ -121,7 +122,7 @@ def test_what_is_shown_at_once_is_on_the_disk_when_its_time_has_come(
 
 
 def test_many_rows_are_flushed_before_their_time(tmp_path: Path) -> None:
-    path, rows = tmp_path / "x.mcap", Rows.of(some_rows(1000))
+    path, rows = tmp_path / "x.mcap", rows_from(some_rows(1000))
     recorder = Recorder(path, [FIRST])
     many = Rows.concat([rows] * 40)
     recorder.write(many)
@@ -171,7 +172,7 @@ def test_a_gap_is_reported_before_the_file_that_reports_it_is_deleted(
     flush_each(recorder, rows[:40])
     free_space.append(999)
     recorder.flush()
-    recorder.write(Rows.of(rows[40:60]))
+    recorder.write(rows_from(rows[40:60]))
     free_space.append(10**12)
     recorder.flush()
     seen: list[list[Gap]] = []
@@ -195,7 +196,7 @@ def test_rows_that_came_while_the_disk_was_full_are_in_the_next_file(
     free_space.append(8)
     recorder.flush()
     for row in rows[40:60]:
-        recorder.write(Rows.of([row]))
+        recorder.write(rows_from([row]))
         recorder.flush()
     free_space.append(9)
     recorder.flush()
@@ -220,7 +221,7 @@ def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
     recorder.flush()
     assert "the disk has only 1e+03 kB free (--min-free 1 MB)" in str(recorder.failure)
     assert "x.mcap is complete up to there (80 rows)" in str(recorder.failure)
-    recorder.write(Rows.of(rows[80:100]), EVENTS[1])
+    recorder.write(rows_from(rows[80:100]), EVENTS[1])
     recorder.flush()
     free_space.append(10**7)
     recorder.flush()
@@ -259,9 +260,9 @@ def test_what_no_file_takes_is_counted(tmp_path: Path) -> None:
     recorder = Recorder(path, [FIRST])
     flush_each(recorder, rows[:40])
     with file_size_limit(100):
-        recorder.write(Rows.of(rows[40:60]), *EVENTS)
+        recorder.write(rows_from(rows[40:60]), *EVENTS)
         recorder.flush()
-        recorder.write(Rows.of(rows[60:]))
+        recorder.write(rows_from(rows[60:]))
         recorder.close()
     assert rows_in(path) == rows[:40]
     assert str(recorder.failure).startswith("60 rows from 2026-")

@@ -45,6 +45,7 @@ from tests.recording.samples import (
     whole,
     write,
 )
+from tests.support.columns import rows_from
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -102,7 +103,7 @@ def test_any_row_comes_back(
 
 def test_a_file_has_as_many_ports_as_channels_have_numbers(tmp_path: Path) -> None:
     ports = [PortFacts(f"port {number}") for number in range(MOST_PORTS + 1)]
-    rows = Rows.of(some_rows(MOST_PORTS + 1, ports))
+    rows = rows_from(some_rows(MOST_PORTS + 1, ports))
     with (tmp_path / "x.mcap").open("wb") as file:
         writer = BulkWriter(file.fileno(), ports)
         writer.write(rows[1:])
@@ -135,9 +136,9 @@ def test_events_and_gaps_are_items_between_the_rows(tmp_path: Path) -> None:
     path, rows = tmp_path / "x.mcap", some_rows()
     gap = Gap(GapKind.LEFT_OUT, 3, START + 40 * STEP + 1, START + 41 * STEP - 1, "why")
     with RecordingWriter(path, [FIRST]) as writer:
-        writer.write(EVENTS[0], Rows.of(rows[:20]))
+        writer.write(EVENTS[0], rows_from(rows[:20]))
         writer.flush()
-        writer.write(Rows.of(rows[20:]), EVENTS[1], EVENTS[2])
+        writer.write(rows_from(rows[20:]), EVENTS[1], EVENTS[2])
         writer.flush()
         writer.write_metadata(Metadata(LEFT_OUT_NAME, gap_to_metadata(gap)))
     items = [*Recording(path).items()]
@@ -152,9 +153,9 @@ def test_rows_of_two_ports_are_sorted_and_a_late_one_keeps_its_time(tmp_path: Pa
     late = replace(rows[5], t_ns=START - STEP)
     with RecordingWriter(path, BOTH) as writer:
         for port in BOTH:
-            writer.write(Rows.of([row for row in rows[:30] if row.port == port.name]))
+            writer.write(rows_from([row for row in rows[:30] if row.port == port.name]))
         writer.flush()
-        writer.write(Rows.of([late, *rows[30:]]))
+        writer.write(rows_from([late, *rows[30:]]))
     assert rows_in(path) == [*rows[:30], late, *rows[30:]]
     with path.open("rb") as file:
         times = [message.log_time for _, _, message in NonSeekingReader(file).iter_messages()]
@@ -169,7 +170,7 @@ def test_a_growing_file_is_followed_to_its_end(tmp_path: Path) -> None:
     assert recording.has_writer
     found: list[Row] = []
     for start in range(0, 120, 40):
-        writer.write(Rows.of(rows[start : start + 40]))
+        writer.write(rows_from(rows[start : start + 40]))
         assert recording.grow() == []
         writer.flush()
         found += rows_of(recording.read(recording.grow()))
@@ -260,7 +261,7 @@ def test_each_definition_exists_once_in_its_section(way: str) -> None:
 def test_text_from_outside_is_encodable(tmp_path: Path) -> None:
     path, port = tmp_path / "x.mcap", "/dev/\udcfftty"
     with RecordingWriter(path, [replace(FIRST, name=port)], {"host": "\udc80"}) as writer:
-        writer.write(Rows.of([replace(row, port=port) for row in some_rows(3)]))
+        writer.write(rows_from([replace(row, port=port) for row in some_rows(3)]))
         writer.write(replace(EVENTS[0], detail="\udc90", port=port))
     assert events_in(path)[0].detail == r"\udc90"
     assert {row.port for row in rows_in(path)} == {r"/dev/\udcfftty"}
@@ -271,7 +272,7 @@ def test_a_row_without_time_is_refused(tmp_path: Path) -> None:
     row = replace(some_rows(1)[0], t_ns=None)
     with (tmp_path / "x.mcap").open("wb") as file:
         writer = BulkWriter(file.fileno(), [FIRST])
-        writer.write(Rows.of([row]))
+        writer.write(rows_from([row]))
         with pytest.raises(ValueError, match="must have a time"):
             writer.close()
 
@@ -318,7 +319,7 @@ def test_a_link_is_not_written_through(existing: Existing, tmp_path: Path) -> No
 
 def test_a_recording_can_be_opened_while_its_end_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "x.mcap"
-    rows = [Rows.of([row]) for row in some_rows(1000)]
+    rows = [rows_from([row]) for row in some_rows(1000)]
     with RecordingWriter(path, [PortFacts("p")]) as writer:
         writer.write(rows[0])
         writer.flush()  # the definitions are in a chunk now, which stays as it is

@@ -10,9 +10,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fte_sniff.errors import FileError
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.session.notes import Notes, RowKey, line_of, located, notes_path, parse_line
 from tests.beside import running
+from tests.support.columns import rows_from
 from tests.waiting import BOUND_S
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -139,7 +140,7 @@ def test_notes_are_not_written_through_a_link_or_to_a_pipe(recording: Path, kind
 
 
 def test_the_row_that_contains_the_byte_at_that_time_is_found() -> None:
-    rows = Rows.of(
+    rows = rows_from(
         Row("p", 10 * number, bytes.fromhex("AA0000000000000000EE"), NOON_NS + number * 10**9)
         for number in range(3)
     )

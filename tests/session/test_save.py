@@ -18,7 +18,7 @@ from fte_sniff.formats.log import Log
 from fte_sniff.formats.writers import FORMAT_BY_SUFFIX, OutputFormat
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, iso_time, spaced_hex
 from fte_sniff.protocol.items import Gap, GapKind
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
@@ -32,6 +32,7 @@ from fte_sniff.session.save import (
     typed_path,
 )
 from tests.recording.conftest import entries_in
+from tests.support.columns import rows_from
 
 NOON_NS = 1_769_860_800_000_000_000
 PORTS = ("/dev/ttyUSB0", "b")
@@ -49,7 +50,7 @@ def rows(count: int = 40) -> list[Row]:
 def saved(path: Path, taken: list[Row]) -> Path:
     with exported(path, FORMAT_BY_SUFFIX[path.suffix], ORIGIN) as write:
         for at in range(0, len(taken), 7):
-            write(Rows.of(taken[at : at + 7]))
+            write(rows_from(taken[at : at + 7]))
     return path
 
 
@@ -68,7 +69,7 @@ def test_every_form_holds_the_rows_and_leaves_nothing_beside(tmp_path: Path, suf
             found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
             assert [one["time"] for one in found] == [iso_time(row.t_ns or 0) for row in taken]
         case ".parquet":
-            assert pl.read_parquet(path).equals(table_frame(Rows.of(taken)))
+            assert pl.read_parquet(path).equals(table_frame(rows_from(taken)))
             assert pl.read_parquet_schema(path) == TABLE_SCHEMA
         case ".mcap":
             assert entries_in(path) == taken
@@ -189,7 +190,7 @@ def test_a_small_text_replaces_only_a_regular_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", FORMAT_BY_SUFFIX)
 def test_what_is_abandoned_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     unfinished = exported(tmp_path / f"rows{suffix}", FORMAT_BY_SUFFIX[suffix], ORIGIN)
-    unfinished.__enter__()(Rows.of(rows()))
+    unfinished.__enter__()(rows_from(rows()))
     assert list(tmp_path.iterdir())
     error = KeyboardInterrupt()
     assert not unfinished.__exit__(KeyboardInterrupt, error, None)
@@ -201,7 +202,7 @@ def test_a_recording_takes_no_row_without_a_time(tmp_path: Path) -> None:
         pytest.raises(FileError, match=r"offset 0, has no time since 1970.*write another format"),
         exported(tmp_path / "rows.mcap", OutputFormat.MCAP, ORIGIN) as write,
     ):
-        write(Rows.of([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
+        write(rows_from([Row("b", 0, b"\x01", None, (Fault.NOISE,), framed=False)]))
     assert not list(tmp_path.iterdir())
 
 
@@ -227,7 +228,7 @@ def test_a_recording_keeps_what_is_known_beside_its_rows(tmp_path: Path) -> None
     ]
     origin = ExportSource(PORTS, {"b": 9600}, [Selection("motor = 1", 99)])
     with exported(tmp_path / "rows.mcap", OutputFormat.MCAP, origin) as write:
-        for item in (Rows.of(rows()), *gaps):
+        for item in (rows_from(rows()), *gaps):
             write(item)
     reader = Recording(tmp_path / "rows.mcap")
     assert (reader.gaps(), reader.selections()) == (gaps, [Selection("motor = 1", 99)])

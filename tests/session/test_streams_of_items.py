@@ -26,6 +26,7 @@ from fte_sniff.session.inputs import (
     with_facts,
 )
 from fte_sniff.session.merge import Timed, merged
+from tests.support.columns import rows_from
 
 SECOND = 10**9
 SPEED = encode(KIND_BY_NAME["speed"], {"motor": 1, "rpm": 100})
@@ -36,7 +37,7 @@ def rows_at(port: str, *times: int, frame: bytes = SPEED) -> Rows:
     for t_ns in times:
         framer.push(Chunk(port, t_ns, frame))
     framer.end()
-    found = Rows.of(list(framer.drain()))
+    found = rows_from(list(framer.drain()))
     assert len(found) == len(times)
     return found
 

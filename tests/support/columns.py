@@ -6,11 +6,30 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk, PortEvent
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import COLUMNS, MOST_BYTES, Row, Rows, fault_bits
 from fte_sniff.recording.reader import Recording
+
+
+def rows_from(rows: Iterable[Row]) -> Rows:
+    """The columns of single rows."""
+    rows = list(rows)
+    ports = tuple(dict.fromkeys(row.port for row in rows))
+    raw = b"".join(row.raw.ljust(MOST_BYTES, b"\0") for row in rows)
+    columns: dict[str, Any] = {
+        "port": [ports.index(row.port) for row in rows],
+        "length": [len(row.raw) for row in rows],
+        "faults": [fault_bits(row.faults) for row in rows],
+        "raw": np.frombuffer(raw, np.uint8).reshape(-1, MOST_BYTES),
+    }
+    for name in COLUMNS.keys() - columns.keys():
+        values = [getattr(row, name) for row in rows]
+        columns[name] = [COLUMNS[name][1] if one is None else one for one in values]
+    return Rows.blank(len(rows), ports, **columns)
 
 
 def entries(*given: Row | PortEvent | Iterable[Row | PortEvent]) -> list[Rows | PortEvent]:
@@ -18,7 +37,7 @@ def entries(*given: Row | PortEvent | Iterable[Row | PortEvent]) -> list[Rows | 
     found: list[Row | PortEvent] = []
     for entry in given:
         found += [entry] if hasattr(entry, "port") else entry  # type: ignore[list-item,arg-type]
-    rows = Rows.of([entry for entry in found if isinstance(entry, Row)])
+    rows = rows_from([entry for entry in found if isinstance(entry, Row)])
     return [rows, *(entry for entry in found if isinstance(entry, PortEvent))]
 
 

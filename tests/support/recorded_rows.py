@@ -11,6 +11,7 @@ from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, KIND_BY_NAME, by
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import BulkWriter
+from tests.support.columns import rows_from
 
 PORTS = ("/dev/ttyUSB0", "/dev/ttyUSB1")
 START_NS = 1_770_000_000_000_000_000
@@ -69,7 +70,7 @@ GAP_NS = 10_000_000
 
 def make_recordings(folder: Path, files: int, rows: int) -> None:
     """Write recordings of the same rows, each after the one before."""
-    batch = Rows.of(rows_of(0, rows // 2))
+    batch = rows_from(rows_of(0, rows // 2))
     span_ns = int(batch.t_ns[-1]) - START_NS + GAP_NS
     for number in range(files):
         shifted = batch.replace(t_ns=batch.t_ns + number * span_ns)

@@ -24,9 +24,9 @@ from random import Random
 from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 
-from fte_sniff.protocol.rows import Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.recording.metadata import PortFacts
+from tests.support.columns import rows_from
 from tests.support.recorded_rows import PORTS, recorded_row, write_recording
 from tests.waiting import BOUND_S
 
@@ -214,7 +214,7 @@ def unit_s() -> float:
 def minute() -> bytes:
     """A recording of a minute of a full wire."""
     count, copies = 3_456, 20
-    part = Rows.of([recorded_row(PORTS[0], number) for number in range(count)])
+    part = rows_from([recorded_row(PORTS[0], number) for number in range(count)])
     span_ns = int(part.t_ns[1] - part.t_ns[0]) * count
     batches = [
         part.replace(t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * part.size)

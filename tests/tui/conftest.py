@@ -15,10 +15,11 @@ from textual.geometry import Size
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.protocol.items import Change, PortEvent
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.options import StartOptions
+from tests.support.columns import rows_from
 from tests.waiting import BOUND_S
 
 NOON_NS = 1_769_860_800_000_000_000
@@ -47,7 +48,7 @@ class ListFeed:
         self.state = replace(self.state, running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
-        update = FeedUpdate(self.state, Rows.of(self._rows), self._events, self.changes)
+        update = FeedUpdate(self.state, rows_from(self._rows), self._events, self.changes)
         self._rows, self._events, self.changes = [], [], []
         return update
 

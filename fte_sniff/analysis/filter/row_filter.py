@@ -38,7 +38,7 @@ from fte_sniff.protocol.columns import (
     ColumnType,
 )
 from fte_sniff.protocol.items import Change, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import NO_FACT, NO_ROWS, Bools, Row, Rows
+from fte_sniff.protocol.rows import MOST_BYTES, NO_FACT, NO_ROWS, Bools, Row, Rows
 from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, encode
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
@@ -235,8 +235,11 @@ class Alert:
         return is_due
 
 
-_TEST_ROWS: Final = Rows.of(
-    Row("port", 0, encode(kind, {one.name: one.high for one in kind.fields}), 0) for kind in KINDS
+_FRAMES: Final = [encode(kind, {one.name: one.high for one in kind.fields}) for kind in KINDS]
+_TEST_ROWS: Final = Rows.blank(
+    len(KINDS),
+    t_ns=[0] * len(KINDS),
+    raw=[list(frame.ljust(MOST_BYTES, b"\0")) for frame in _FRAMES],
 )
 """A row of every kind."""
 

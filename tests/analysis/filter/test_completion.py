@@ -12,8 +12,9 @@ from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, both, cell_filters
 from fte_sniff.protocol.columns import COLUMN_BY_NAME
-from fte_sniff.protocol.rows import Row, Rows, fault_bits, faults_in
+from fte_sniff.protocol.rows import Row, fault_bits, faults_in
 from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status, encode
+from tests.support.columns import rows_from
 from tests.support.faults import frame_faults
 
 
@@ -80,10 +81,10 @@ ROWS = st.one_of(FRAMES, DAMAGE)
 def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: Row) -> None:
     for text, opposite in cell_filters(row).items():
         only, without = RowFilter.parse(text), RowFilter.parse(opposite)
-        assert only.matches(Rows.of([row])).all()
-        assert not without.matches(Rows.of([row])).any()
+        assert only.matches(rows_from([row])).all()
+        assert not without.matches(rows_from([row])).any()
         if not text.startswith("time") or other.t_ns is not None:
-            others = Rows.of([other])
+            others = rows_from([other])
             assert only.matches(others) != without.matches(others)
 
 

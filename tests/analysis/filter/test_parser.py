@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError
 from fte_sniff.protocol.columns import COLUMNS
-from fte_sniff.protocol.rows import Row, Rows
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import Fault
 from tests.examples import examples
+from tests.support.columns import rows_from
 
 MISTAKES: list[tuple[str, int, str]] = [
     ("moto = 1", 1, "unknown name 'moto'"),
@@ -157,7 +158,7 @@ def test_mistake_is_reported_with_its_position(text: str, at: int, part: str) ->
     ],
 )
 def test_arithmetic_does_not_wrap(text: str, rows: list[bool]) -> None:
-    assert RowFilter.parse(text).matches(Rows.of(ROWS)).tolist() == rows
+    assert RowFilter.parse(text).matches(rows_from(ROWS)).tolist() == rows
 
 
 ROWS: list[Row] = [
@@ -196,7 +197,7 @@ def _parses_or_explains(text: str) -> None:
         message = str(error)
     else:
         message = ""
-        assert len(wanted.matches(Rows.of(ROWS))) == len(ROWS)
+        assert len(wanted.matches(rows_from(ROWS))) == len(ROWS)
     assert message == "" or message.isprintable()
 
 
@@ -251,5 +252,5 @@ LARGEST = {
 @pytest.mark.parametrize("text", LARGEST.values(), ids=LARGEST)
 def test_largest_filters_are_computed_in_any_thread(text: str) -> None:
     with ThreadPoolExecutor(1) as threads:  # whose stack is small
-        found = threads.submit(lambda: RowFilter.parse(text).matches(Rows.of(ROWS))).result()
+        found = threads.submit(lambda: RowFilter.parse(text).matches(rows_from(ROWS))).result()
     assert len(found) == len(ROWS)

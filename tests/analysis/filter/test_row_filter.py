@@ -15,9 +15,10 @@ from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
 from fte_sniff.protocol.columns import COLUMNS, ColumnType, record
 from fte_sniff.protocol.items import Change, Gap, GapKind
-from fte_sniff.protocol.rows import NO_ROWS, Row, Rows
+from fte_sniff.protocol.rows import NO_ROWS, Row
 from fte_sniff.protocol.spec import KIND_BY_NAME, Fault, encode
 from tests.examples import examples
+from tests.support.columns import rows_from
 from tests.support.faults import frame_faults
 
 NOON = 1_767_268_800_000_000_000
@@ -55,7 +56,7 @@ WITH_RPM = {"fast", "back", "pos", "fb", "flags"}
 
 
 def _wanted(text: str) -> set[str]:
-    mask = RowFilter.parse(text).matches(Rows.of(ROWS.values()))
+    mask = RowFilter.parse(text).matches(rows_from(ROWS.values()))
     return {name for name, wanted in zip(ROWS, mask, strict=True) if wanted}
 
 
@@ -237,7 +238,7 @@ def test_a_byte_pattern_matches_only_at_byte_boundaries(
     rows = [Row("p", 0, raw, None, (Fault.NOISE,), framed=False) for raw in raws]
     wanted = RowFilter.parse(f"raw LIKE '{' '.join(tokens)}'")
     expected = [_matches(tokens, raw) for raw in raws]
-    assert wanted.matches(Rows.of(rows)).tolist() == expected
+    assert wanted.matches(rows_from(rows)).tolist() == expected
 
 
 def test_the_help_names_every_field_and_its_examples_work() -> None:
@@ -296,7 +297,7 @@ def database() -> sqlite3.Connection:
 def test_any_condition_has_the_rows_of_sqlite(text: str) -> None:
     expected = [found == 1 for (found,) in database().execute(f"SELECT {text} FROM rows")]
     own = text.replace("LIKE", "ILIKE")  # SQLite ignores the case
-    assert RowFilter.parse(own).matches(Rows.of(ROWS.values())).tolist() == expected
+    assert RowFilter.parse(own).matches(rows_from(ROWS.values())).tolist() == expected
 
 
 CHINA = timezone(timedelta(hours=8))
@@ -310,16 +311,16 @@ CHINA = timezone(timedelta(hours=8))
     ],
 )
 def test_time_without_a_zone_is_in_that_of_the_user(text: str) -> None:
-    wanted = RowFilter.parse(text, CHINA).matches(Rows.of(ROWS.values()))
+    wanted = RowFilter.parse(text, CHINA).matches(rows_from(ROWS.values()))
     assert [name for name, one in zip(ROWS, wanted, strict=True) if one] == ["fb", "pfb"]
 
 
 def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
     frames = [_frame(motor, "speed", motor=motor, rpm=1) for motor in (1, 2, 1)]
     alert = Alert(RowFilter.parse("motor = 1"))
-    assert not alert.observe(Rows.of(frames[1:2]), 0.0)
+    assert not alert.observe(rows_from(frames[1:2]), 0.0)
     assert not alert.observe(NO_ROWS, 0.0)
-    assert [alert.observe(Rows.of(frames), at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
+    assert [alert.observe(rows_from(frames), at_s) for at_s in (0.1, 0.5, 1.09, 1.11)] == [
         *(True, False, False, True)
     ]
     assert alert.count == 8
@@ -329,7 +330,7 @@ def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
 def test_stream_knows_the_frame_before_and_not_what_comes_later() -> None:
     rows = [_frame(at, "speed", motor=1, rpm=rpm) for at, rpm in enumerate((0, 600, 700, 0))]
     stream = RowFilter.parse("abs(rpm - previous(rpm)) > 500 OR unanswered").stream()
-    found = [stream.matches(Rows.of(rows[at : at + 1])).tolist() for at in range(4)]
+    found = [stream.matches(rows_from(rows[at : at + 1])).tolist() for at in range(4)]
     assert found == [[False], [True], [False], [True]]
     gap = Change(0, Gap(GapKind.PORT))
-    assert stream.matches(Rows.of(rows[1:2]), [gap]).tolist() == [False]
+    assert stream.matches(rows_from(rows[1:2]), [gap]).tolist() == [False]

@@ -30,7 +30,7 @@ from fte_sniff.session.scan import read, scan
 from tests.analysis.captures import segments
 from tests.examples import examples
 from tests.recording.conftest import some_rows
-from tests.support.columns import entries, fed, read_rows, without_facts
+from tests.support.columns import entries, fed, read_rows, rows_from, without_facts
 from tests.support.recorded_rows import write_recording
 from tests.torture.damage import CHUNK, records
 from tests.waiting import BOUND_S
@@ -48,7 +48,7 @@ def _records(frame: pl.DataFrame) -> list[dict[str, object]]:
 
 def _rows(path: Path) -> list[Row]:
     """The rows with their facts."""
-    (table,) = segments([Rows.of(read_rows(path))])
+    (table,) = segments([rows_from(read_rows(path))])
     return [*table.with_facts]
 
 
@@ -236,7 +236,7 @@ def test_the_first_example_of_the_documentation_shows_no_motor_that_does_not_exi
     rows = fed(framer, Chunk("p", 10**18, raw)) + list(framer.finish())
     assert [row.faults for row in rows] == [(), (Fault.BAD_MOTOR,), ()]
     (tmp_path / "logs").mkdir()
-    batch = Rows.of(rows)
+    batch = rows_from(rows)
     write_recording(tmp_path / "logs/x.mcap", [PortFacts("p")], [batch])
     (tmp_path / "capture.mcap").write_bytes((tmp_path / "logs/x.mcap").read_bytes())
     page = (SAMPLES.parent / "docs/python.md").read_text("utf-8")
@@ -282,7 +282,7 @@ def _robots(folder: Path) -> list[Path]:
             Row(f"p{robot}", 10 * at, FRAME, START + robot * 3600 * 10**9 + at * 10**6)
             for at in range(100)
         ]
-        write_recording(paths[-1], [PortFacts(f"p{robot}")], [Rows.of(rows)])
+        write_recording(paths[-1], [PortFacts(f"p{robot}")], [rows_from(rows)])
     return paths
 
 
@@ -323,7 +323,7 @@ def test_a_span_has_the_rows_of_the_whole_between_its_times(
         path = folder / f"{number}.mcap"
         rows = [Row(port, 10 * at, FRAME, START + 1000 * ns) for at, (port, ns) in enumerate(own)]
         if at_once:
-            write_recording(path, [PortFacts("a")], [Rows.of(rows)])
+            write_recording(path, [PortFacts("a")], [rows_from(rows)])
             continue
         with RecordingWriter(path, [PortFacts("a"), PortFacts("b")]) as writer:
             for row in rows:
