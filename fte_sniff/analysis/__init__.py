@@ -17,7 +17,6 @@ Modules:
     store       The rows of a screen by index, and those that a filter shows.
     filter      The filter language: SQL boolean expressions over the row columns.
     line_condition  Condition of a line: sound, damaged, silent, low, unreadable.
-    line_setup  What the user says about the line and the motors.
     time_text   Times and durations that a user types.
     dataframe   Rows to polars DataFrame.
     feed        The feed of a view: rows as they come, and the state of their source.

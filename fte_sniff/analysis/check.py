@@ -29,14 +29,14 @@ from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
 from fte_sniff.analysis.findings import Cause, find, hidden_text
-from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.relations import AnswerState, feedback_with
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import InputTextError, TranslatableText, quoted
 from fte_sniff.i18n import later
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, iso_time
 from fte_sniff.protocol.rows import Bools, Ints
-from fte_sniff.protocol.spec import MOTORS, NAME_OF_ROLE, Role, motor_bit
+from fte_sniff.protocol.spec import MOTORS, Role, motor_bit
 
 OPERATORS: Final[Mapping[str, Callable[[Any, float], Any]]] = {
     "==": operator.eq,
@@ -216,10 +216,14 @@ def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
 
 def _online_bits(table: Table, matches: Bools, rule: Rule) -> Counted:
     rows, motor = table.rows, int(rule.argument)
-    at = table.counted[FEEDBACK[rows.kinds[table.counted]]]
-    is_on = values_at(rows, NAME_OF_ROLE[Role.ONLINE], at) & (1 << motor_bit(motor)) != 0
-    own = int((rows.nums[at] == motor).sum())
-    numbers = {"sum on": int(is_on.sum()), "sum feedback": len(at), "sum own": own}
+    having, online = feedback_with(rows, Role.ONLINE)
+    own = np.isin(having, table.counted)
+    at, is_on = having[own], online[own] >> motor_bit(motor) & 1 == 1
+    numbers = {
+        "sum on": int(is_on.sum()),
+        "sum feedback": len(at),
+        "sum own": int((rows.nums[at] == motor).sum()),
+    }
     return _numbers(numbers), at[~is_on]
 
 

@@ -8,8 +8,8 @@ from typing import Final
 
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
-from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import Direction, Fault, Status
+from fte_sniff.protocol.rows import FAULT_BITS
+from fte_sniff.protocol.spec import Direction, Fault
 
 SOUND_SHARE: Final = 0.9
 """Share of bytes in readable frames from which a line is sound."""
@@ -56,8 +56,12 @@ class LineDiagnosis:
 
 def diagnose(data: bytes) -> LineDiagnosis:
     """Diagnose a line from bytes that were received."""
-    frames = readable_frames(data)
-    share = sum(len(frame.raw) for frame in frames) / len(data) if data else 0.0
+    framer = Framer("line")
+    framer.push(Chunk("line", None, data))
+    rows = framer.finish()
+    is_ambiguous = rows.faults & FAULT_BITS[Fault.AMBIGUOUS] != 0
+    frames = rows.select(rows.framed & ~rows.is_malformed & ~is_ambiguous)
+    share = int(frames.length.sum()) / max(1, len(data))
     if share >= SOUND_SHARE:
         condition = LineCondition.SOUND
     elif share >= DAMAGED_SHARE and len(frames) > 1:
@@ -66,17 +70,6 @@ def diagnose(data: bytes) -> LineDiagnosis:
         condition = _without_frames(data)
     directions = frozenset(frame.direction for frame in frames if frame.direction)
     return LineDiagnosis(condition, len(data), share, directions)
-
-
-def readable_frames(data: bytes) -> list[Row]:
-    """The frames in `data` that are neither malformed nor ambiguous."""
-    framer = Framer("line")
-    framer.push(Chunk("line", None, data))
-    return [
-        row
-        for row in framer.finish()
-        if row.framed and row.status is not Status.MALFORMED and Fault.AMBIGUOUS not in row.faults
-    ]
 
 
 def _without_frames(data: bytes) -> LineCondition:

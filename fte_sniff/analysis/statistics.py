@@ -17,8 +17,9 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from fte_sniff.analysis.dataframe import known_only
 from fte_sniff.analysis.durations import Durations, binned, chosen
-from fte_sniff.analysis.relations import FEEDBACK, AnswerState, values_at
+from fte_sniff.analysis.relations import FEEDBACK, AnswerState
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol.columns import iso_time
@@ -98,16 +99,23 @@ def _named(counts: pl.DataFrame, ports: pl.Series, sources: pl.Series) -> pl.Dat
 
 
 def _flags(table: Table) -> pl.DataFrame:
-    """Feedback by motor, ERROR, ONLINE, and the bits of ONLINE that the one before it had set."""
+    """Feedback by motor, ERROR, ONLINE, and the bits of ONLINE that only the one before it had.
+
+    A flag is null in kinds that do not have it.
+    """
     rows, at = table.rows, np.flatnonzero(FEEDBACK[table.rows.kinds[: table.stop]])
     if table.selected is not None:
         at = at[table.selected[at]]
-    errors, online = (values_at(rows, NAME_OF_ROLE[one], at) for one in (Role.ERRORS, Role.ONLINE))
-    lost = np.append(0, online[:-1])[: len(at)] & ~online
-    columns = {"motor": rows.nums[at].astype(np.int64), "error": errors, "online": online}
-    own = pl.DataFrame({**columns, "lost": lost, "t_ns": times(rows.t_ns[at])})
+    feedback, online = rows.select(at), pl.col("online")
+    columns = {
+        "motor": pl.Series(feedback.nums),
+        "error": known_only(*feedback.field(NAME_OF_ROLE[Role.ERRORS])),
+        "online": known_only(*feedback.field(NAME_OF_ROLE[Role.ONLINE])),
+    }
+    own = pl.DataFrame({**columns, "t_ns": times(feedback.t_ns)})
     return (
-        own.filter(pl.Series(at >= table.start))
+        own.with_columns(lost=online.forward_fill().shift() & ~online)
+        .filter(pl.Series(at >= table.start))
         .group_by(*columns, "lost")
         .agg(
             pl.len().cast(pl.Int64).alias("sum frames"),

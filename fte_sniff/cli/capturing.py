@@ -282,7 +282,7 @@ def run_capture(
             alert=given.alert,
             leave_at_end=given.duration is not None or given.count is not None,
             signals=signals,
-            line_setup=settings.line_setup(ports, baud),
+            pulses_per_turn=settings.pulses_per_turn(ports),
             language=settings.language(),
             choices=settings.choices,
             save_choices=settings.keep,

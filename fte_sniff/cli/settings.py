@@ -39,7 +39,6 @@ from fte_sniff.real_number import RealNumber
 from fte_sniff.tui.cells import ORDER
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.line_setup import LineSetup
     from fte_sniff.tui.options import Choices
 
 
@@ -143,12 +142,13 @@ class Settings:
             raise UsageError(f"{self.path} has another {name} for each port; {fix}")
         return next(iter(values), None)
 
-    def line_setup(self, ports: Sequence[str], baud: int) -> LineSetup:
-        """The line setup of these ports; raises UsageError if their settings differ."""
-        from fte_sniff.analysis.line_setup import LineSetup
+    def pulses_per_turn(self, ports: Sequence[str]) -> float | None:
+        """Encoder pulses per turn of an output shaft; raises UsageError if their settings differ.
 
-        ratio = self.default(ports, "gear-ratio")
-        return LineSetup(baud, self.default(ports, "resolution"), ratio or 1.0)
+        See docs/reference/protocol.md, "Pulses and turns".
+        """
+        resolution, ratio = (self.default(ports, one) for one in ("resolution", "gear-ratio"))
+        return None if resolution is None else float(resolution * (ratio or 1.0))
 
     def language(self, lang: str | None = None) -> str:
         """The language of the screen; `lang` is the value of `--lang`."""

@@ -27,7 +27,6 @@ from fte_sniff.cli.options import (
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
-from fte_sniff.protocol.spec import DEFAULT_BAUD
 from fte_sniff.real_number import RealNumber
 
 
@@ -80,7 +79,6 @@ def command(
     # The first item is read now, so that an error comes before the screen.
     begun = list(islice(items, 1))
     source = reading.source()
-    setup = settings.line_setup(source.ports, query.baud or DEFAULT_BAUD)
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})
     shown = chain(begun, items)
@@ -95,7 +93,7 @@ def command(
     opening = StartOptions(
         row_filter=wanted,
         alert=alert,
-        line_setup=setup,
+        pulses_per_turn=settings.pulses_per_turn(source.ports),
         export_source=source,
         zone=query.zone_given(),
         language=language,

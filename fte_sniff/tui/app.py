@@ -107,7 +107,7 @@ class SniffApp(App[None]):
         self.VERTICAL_BREAKPOINTS = [(0, "-least"), (LEAST, "-tiny"), (LOW, "-low")]
         self.failure: FteSniffError | None = None
         self._options = options
-        self.view = View(feed, options.line_setup, options.alert)
+        self.view = View(feed, options.pulses_per_turn, options.alert)
         self._is_stale = False
         """Whether the table lacks rows that came while the terminal was slow."""
         self.view.set_filter(options.row_filter)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
 from functools import cache
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from rich.cells import cell_len
 
@@ -32,10 +32,6 @@ from fte_sniff.protocol.spec import (
     Field,
     FrameKind,
 )
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.line_setup import LineSetup
-
 
 FEEDBACK = "fb"
 """Abbreviation of "feedback" where a kind's name does not fit."""
@@ -109,10 +105,9 @@ def span_text(ns: float | None) -> str:
     return _(cell_text.span_text(ns))
 
 
-def turns_text(pulses: int, line_setup: LineSetup) -> str:
-    """A position in turns; empty if the pulses of a turn are unknown."""
-    turns = line_setup.turns(pulses)
-    return "" if turns is None else _("{turns:,.3f} turns", turns=turns)
+def turns_text(pulses: int, pulses_per_turn: float) -> str:
+    """A position in turns of the output shaft."""
+    return _("{turns:,.3f} turns", turns=pulses / pulses_per_turn)
 
 
 WITH_DETAIL: Final = later("{event}: {detail}")

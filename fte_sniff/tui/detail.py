@@ -14,7 +14,6 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from fte_sniff.analysis.line_setup import LineSetup
 from fte_sniff.analysis.relations import AnswerState
 from fte_sniff.errors import listed, printable
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
@@ -117,12 +116,12 @@ def _heading(row: Row, context: Context) -> Text:
     )
 
 
-def _with_turns(field: ExplainedField, setup: LineSetup) -> ExplainedField:
-    """The field; with turns, where it is a decoded position."""
-    if field.name != NAME_OF_ROLE[Role.POSITION] or not field.value:
+def _with_turns(field: ExplainedField, pulses_per_turn: float | None) -> ExplainedField:
+    """The field; with turns, where it is a decoded position, and a turn is known."""
+    if field.name != NAME_OF_ROLE[Role.POSITION] or not field.value or not pulses_per_turn:
         return field
-    turns = turns_text(int.from_bytes(field.raw, "big", signed=True), setup)
-    return field._replace(value=f"{field.value}, {turns}") if turns else field
+    turns = turns_text(int.from_bytes(field.raw, "big", signed=True), pulses_per_turn)
+    return field._replace(value=f"{field.value}, {turns}")
 
 
 def _fields(row: Row, context: Context) -> Table:
@@ -131,7 +130,7 @@ def _fields(row: Row, context: Context) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(max_width=_HEX_WIDTH)
     for number, field in enumerate(dissect(row)):
-        field = _with_turns(field, context.view.setup)
+        field = _with_turns(field, context.view.pulses_per_turn)
         status = status_of((field.fault,)) if field.fault else Status.OK
         style = palette.statuses[status]
         own = style + REVERSED + UNDERLINED if number == context.field else style

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from datetime import tzinfo
 from typing import TYPE_CHECKING, Final
 
-from fte_sniff.analysis.line_setup import DEFAULT_SETUP, LineSetup
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import Notes
 from fte_sniff.session.save import ExportSource
@@ -48,7 +47,8 @@ class StartOptions:
     """Notes on the rows; None to keep none."""
     signals: tuple[signal.Signals, ...] = ENDING_SIGNALS
     """Signals that close the screen and restore the terminal; others are left alone."""
-    line_setup: LineSetup = DEFAULT_SETUP
+    pulses_per_turn: float | None = None
+    """Encoder pulses per turn of an output shaft, more than 0; None if unknown."""
     language: str = "en"
     """A key of `i18n.LANGUAGES`."""
     choices: Choices = Choices()

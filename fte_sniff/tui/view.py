@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
-from fte_sniff.analysis.line_setup import LineSetup
 from fte_sniff.analysis.motors import MotorState, motors_at
 from fte_sniff.analysis.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.store import RowStore
@@ -99,10 +98,10 @@ _PLACED: Final = frozenset(PortEventKind) - {PortEventKind.LINE_ERROR}
 class View:
     """A feed, the store of its rows, those that are shown, and counts over all."""
 
-    def __init__(self, feed: Feed, setup: LineSetup, alert: Alert | None) -> None:
+    def __init__(self, feed: Feed, pulses_per_turn: float | None, alert: Alert | None) -> None:
         self.store = RowStore()
         self.shown = Shown(self.store)
-        self.setup, self.alert = setup, alert
+        self.pulses_per_turn, self.alert = pulses_per_turn, alert
         self.filter: RowFilter | None = None
         self.state, self.tally = FeedState(""), Tally()
         self.finding: Finding | None = None

@@ -10,12 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.check import RuleResult, parse_rule, verdicts
+from fte_sniff.analysis.check import counted as counted_rules
 from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Item, Row
-from fte_sniff.protocol.spec import Direction, Fault, Status
+from fte_sniff.protocol.rows import _LAYOUTS, Item, Row
+from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status
 from tests.analysis.captures import MS, START, captures, damage, frame, polled, table_of
 from tests.analysis.test_segments import tables
 
@@ -168,6 +170,30 @@ def test_inputs_that_overlap_in_time_have_no_answers() -> None:
     assert [one["rows"] for one in found["files"] if one["name"] != "2"] == [80, 80]
     assert found["motors"][0]["answered"] is None
     assert found["motors"][0]["commands"] == 20
+
+
+@pytest.fixture
+def _one_kind_without_online(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let feedback of positions have no ONLINE."""
+    code = [kind.name for kind in KINDS].index("position_feedback")
+    layouts = [(*one, having.copy()) for *one, having in _LAYOUTS["online"]]
+    for *_, having in layouts:
+        having[code] = False
+    monkeypatch.setitem(_LAYOUTS, "online", layouts)
+
+
+@pytest.mark.usefixtures("_one_kind_without_online")
+def test_feedback_without_online_is_not_offline() -> None:
+    rows = [frame("speed_feedback", 0), frame("position_feedback", 10)]
+    motor = stats_of([*rows, frame("speed_feedback", 20, online=0x0E)])["motors"][0]
+    assert motor["feedback"] == 3
+    assert (motor["offline"]["frames"], motor["offline"]["times_lost"]) == (1, 1)
+    table = table_of([*rows])
+    (found,) = verdicts(counted_rules(table, [ONLINE]), [ONLINE])
+    assert (found.result, found.value) == (RuleResult.PASS, 1.0)
+
+
+ONLINE = parse_rule("online(1) == 1")
 
 
 def test_events_of_a_port_are_counted() -> None:

@@ -194,9 +194,8 @@ def test_ports_with_different_bauds_in_the_settings_need_an_option(
 
 def test_turns_come_from_the_settings_of_the_port(file: Path) -> None:
     settings = read_settings(written(file, WHOLE))
-    turns = settings.line_setup(("/dev/ttyUSB0",), 115_200).turns(30_000)
-    assert turns == 30_000 / 500 / 30
-    assert settings.line_setup(("/dev/ttyUSB9",), 115_200).turns(30_000) is None
+    assert settings.pulses_per_turn(("/dev/ttyUSB0",)) == 500 * 30
+    assert settings.pulses_per_turn(("/dev/ttyUSB9",)) is None
 
 
 @pytest.mark.parametrize(
