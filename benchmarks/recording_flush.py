@@ -22,7 +22,7 @@ from typing import Any
 from mcap.writer import Writer
 
 from fte_sniff.recording.metadata import PortFacts, host_facts
-from fte_sniff.recording.schema import TOPICS, encode_row, schema_data, schema_name, topic_of
+from fte_sniff.recording.schema import TOPICS, encode, schema_data, schema_name, topic_of
 from fte_sniff.recording.writer import RecordingWriter
 from tests.support.columns import entries
 from tests.support.recorded_rows import PORTS, START_NS, rows_a_second, rows_of
@@ -97,9 +97,8 @@ def others(folder: Path, seconds: int) -> list[float]:
             start = time.perf_counter()
             for row in rows:
                 time_ns = row.t_ns or 0
-                topic = topic_of(row)
-                data = encode_row(topic, row, time_ns)
-                writer.add_message(channels[row.port, topic.name], time_ns, data, time_ns)
+                channel, data = channels[row.port, topic_of(row).name], encode(row, time_ns)
+                writer.add_message(channel, time_ns, data, time_ns)
             file.flush()
             os.fdatasync(file.fileno())
             found.append((time.perf_counter() - start) * 1e3)

@@ -100,7 +100,8 @@ def _reserves() -> Array:
     """By kind: a mask of the bytes of the reserve that may be anything, as two words."""
     masks = np.zeros((NO_KIND + 1, MOST_BYTES), np.uint8)
     for code, kind in enumerate(KINDS):
-        masks[code, kind.open_reserve.start : kind.open_reserve.stop] = 255
+        if kind.reserve is None:
+            masks[code, kind.reserved.start : kind.reserved.stop] = 255
     return masks.view("<u8")
 
 

@@ -239,8 +239,6 @@ class Rows(Sequence[Row]):
 
     def with_ports(self, ports: tuple[str, ...]) -> Rows:
         """These rows with the indexes of other ports; raises ValueError if one is missing there."""
-        if ports == self.ports:
-            return self
         codes = np.array([ports.index(port) for port in self.ports], np.uint16)
         return Rows({**self.columns, "port": codes[self.port]}, ports)
 
@@ -307,11 +305,6 @@ class Rows(Sequence[Row]):
         """The earliest and the latest time of its rows; None if none of them has one."""
         times = self.t_ns[self.timed]
         return (int(times.min()), int(times.max())) if len(times) else None
-
-    @property
-    def size(self) -> int:
-        """The number of bytes of all rows."""
-        return int(self.length.sum())
 
     @property
     def used_ports(self) -> list[str]:

@@ -227,11 +227,6 @@ class FrameKind:
         return any(field.start == NUM_OFFSET for field in self.fields)
 
     @property
-    def open_reserve(self) -> range:
-        """The offsets without a meaning for which the protocol document states no byte."""
-        return self.reserved if self.reserve is None else range(0)
-
-    @property
     def subject(self) -> str | None:
         """The main value: the last field with a unit, a speed or a position; None without one."""
         return next((field.name for field in reversed(self.fields) if field.unit), None)

@@ -254,9 +254,9 @@ class Recorder:
             writer.write(*self._waiting)
             writer.flush()
         except FileError:
-            if writer is not None and writer.identity is not None:
+            if writer is not None and writer.output.identity is not None:
                 with suppress(OSError):
-                    writer.identity.delete()
+                    writer.output.identity.delete()
             return False
         self._due_s, self._waiting, self._writer = -inf, [], writer
         self.files.append(writer.path)
@@ -273,8 +273,8 @@ class Recorder:
         """Close a file, and keep account of it if it is still there."""
         with suppress(FileError):  # what was flushed is in a valid file
             writer.close()
-        if writer.identity is not None and not writer.is_gone:
-            self._closed.append(writer.identity)
+        if writer.output.identity is not None and not writer.is_gone:
+            self._closed.append(writer.output.identity)
 
     # Errors and gaps
 

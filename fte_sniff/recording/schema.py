@@ -240,7 +240,6 @@ def message_class(name: str, data: bytes) -> Any:
         raise ValueError(f"no usable protobuf schema {name}") from error
 
 
-@cache
 def class_of(topic: Topic) -> Any:
     """The message class of a topic."""
     return message_class(schema_name(topic), schema_data(topic.schema))
@@ -249,11 +248,19 @@ def class_of(topic: Topic) -> Any:
 # One message
 
 
-def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
-    """The message of a row, which must have a time, on its topic, from `topic_of`.
+def encode(entry: Row | PortEvent, log_time: int) -> bytes:
+    """The message of a row, which must have a time, or of a port event, on its topic.
 
-    It holds the row's own time if `log_time` differs.
+    It holds the time of the row or event if `log_time` differs.
     """
+    topic = topic_of(entry)
+    values = _event_values(entry) if isinstance(entry, PortEvent) else _row_values(entry, topic)
+    if entry.t_ns != log_time:
+        values["time_ns"] = entry.t_ns
+    return bytes(class_of(topic)(**values).SerializeToString(deterministic=True))
+
+
+def _row_values(row: Row, topic: Topic) -> dict[str, Any]:
     values: dict[str, Any] = {
         "offset": row.offset,
         "raw": row.raw,
@@ -263,35 +270,17 @@ def encode_row(topic: Topic, row: Row, log_time: int) -> bytes:
     }
     if row.delay_ns is not None:
         values["read_delay_ns"] = row.delay_ns
-    if row.t_ns != log_time:
-        values["time_ns"] = row.t_ns
     if row.unordered:
         values["order_uncertain"] = True
     if topic is MALFORMED:
-        values |= {"framed": row.framed, "length": len(row.raw)}
-    else:
-        values |= {field.name: nan for field in value_fields(topic)} | row.values
-        values["cmd"] = row.raw[CMD_OFFSET]
-    return bytes(class_of(topic)(**values).SerializeToString(deterministic=True))
+        return values | {"framed": row.framed, "length": len(row.raw)}
+    numbers = {field.name: nan for field in value_fields(topic)} | row.values
+    return values | numbers | {"cmd": row.raw[CMD_OFFSET]}
 
 
-def encode_event(event: PortEvent, log_time: int) -> bytes:
-    """The message of a port event; it holds the event's own time if `log_time` differs."""
-    values: dict[str, Any] = {
-        "kind": _number("PortEventKind", event.kind),
-        "detail": encodable(event.detail),
-        "count": event.count,
-    }
-    if event.t_ns != log_time:
-        values["time_ns"] = event.t_ns
-    return bytes(class_of(EVENTS)(**values).SerializeToString(deterministic=True))
-
-
-def encode(entry: Row | PortEvent, log_time: int) -> bytes:
-    """The message of a row or a port event, on its topic."""
-    if isinstance(entry, PortEvent):
-        return encode_event(entry, log_time)
-    return encode_row(topic_of(entry), entry, log_time)
+def _event_values(event: PortEvent) -> dict[str, Any]:
+    kind = _number("PortEventKind", event.kind)
+    return {"kind": kind, "detail": encodable(event.detail), "count": event.count}
 
 
 def encodable(text: str) -> str:

@@ -36,7 +36,7 @@ from fte_sniff.protocol.rows import (
 )
 from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL, Fault
 from fte_sniff.recording.chunks import HEAD
-from fte_sniff.recording.schema import MALFORMED, class_of, encode_row, topic_of
+from fte_sniff.recording.schema import MALFORMED, class_of, encode, topic_of
 
 MESSAGE: Final = np.dtype(
     [
@@ -365,7 +365,7 @@ class Template:
     def __init__(self, row: Row, log_time: int) -> None:
         """Encode the sample."""
         topic = topic_of(row)
-        self._message = encode_row(topic, row, log_time)
+        self._message = encode(row, log_time)
         descriptors = class_of(topic).DESCRIPTOR.fields
         self._types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
         self._places, _ = fields_in(self._message, {one.number: one.name for one in descriptors})

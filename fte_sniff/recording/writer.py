@@ -51,7 +51,6 @@ from fte_sniff.recording.metadata import PROGRAM, PortFacts, library_name, recor
 from fte_sniff.recording.output_file import (
     STOPPED,
     Existing,
-    KnownFile,
     LostDataError,
     OutputFile,
     created,
@@ -62,7 +61,7 @@ from fte_sniff.recording.schema import (
     channel_ids,
     channels_of,
     encodable,
-    encode_event,
+    encode,
     schemas,
     topics_of,
 )
@@ -201,12 +200,11 @@ class Encoder:
         self._metadata.append(MetadataIndex(at, len(data), record.name))
         return data
 
-    def chunk(self, entries: Iterable[Entry], at: int) -> bytes:
+    def chunk(self, entries: Sequence[Entry], at: int) -> bytes:
         """A chunk of rows and events, one at least, at an offset of the file.
 
         Raises ValueError if a row has no time, and FileError if there are too many ports.
         """
-        entries = list(entries)
         rows = Rows.concat([one for one in entries if isinstance(one, Rows)])
         events = [one for one in entries if isinstance(one, PortEvent)]
         if (rows.t_ns < 0).any():
@@ -291,7 +289,7 @@ class Encoder:
                 self._templates[key] = Template(rows[first], int(log_times[first]))
             found.append((own, self._templates[key].encode(rows, own)))
         for number, event in enumerate(events, len(rows)):
-            message = encode_event(event, int(log_times[number]))
+            message = encode(event, int(log_times[number]))
             found.append((np.array([number]), np.array([np.void(message)])))
         return found
 
@@ -385,9 +383,9 @@ class RecordingWriter:
         self.span_ns: tuple[int, int] | None = None
         """First and last log time in the file; None without any."""
         self._encoder = Encoder(ports, facts or {})
-        with created(path, existing) as self._output:
-            self._file = AppendFile(self._output, self._encoder.head, self._encoder.tail)
-        self.path = self._output.path
+        with created(path, existing) as self.output:
+            self._file = AppendFile(self.output, self._encoder.head, self._encoder.tail)
+        self.path = self.output.path
         """The file's name."""
 
     @property
@@ -422,21 +420,12 @@ class RecordingWriter:
 
         Closing again does nothing.
         """
-        if self.identity is None:
+        if self.output.identity is None:
             try:
                 self.flush()
                 self._append(b"", self._encoder.summary(self._file.end))
             finally:
-                self.abandon()
-
-    def abandon(self) -> None:
-        """Close the file as it is; it has no summary. Closing again does nothing."""
-        self._output.close()
-
-    @property
-    def identity(self) -> KnownFile | None:
-        """What the file is, once it is closed."""
-        return self._output.identity
+                self.output.close()
 
     def stopped_by(self, error: OSError) -> FileError:
         """The error, with its cause, of a recording that the system does not let go on."""
@@ -451,7 +440,7 @@ class RecordingWriter:
             self._file.append(data, tail or self._encoder.tail, waits=waits)
         except OSError as error:
             self.is_gone = isinstance(error, LostDataError)
-            self.abandon()
+            self.output.close()
             raise self.stopped_by(error) from error
 
     def __enter__(self) -> Self:

@@ -99,7 +99,7 @@ def under_way(path: Path) -> None:
     """Write the file of a capture that was killed."""
     writer = RecordingWriter(path, BOTH, FACTS)
     flush_each(writer, some_rows(400, BOTH))
-    writer.abandon()
+    writer.output.close()
 
 
 def bulk(path: Path) -> None:

@@ -108,7 +108,7 @@ def refused(writer: RecordingWriter, rows: list[Row]) -> str:
     writer.write(rows_from(rows))
     with pytest.raises(FileError) as caught:
         writer.flush()
-    writer.abandon()
+    writer.output.close()
     return str(caught.value)
 
 
@@ -128,7 +128,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path) -> None:
             assert path.read_bytes() == before
     finally:
         signal.signal(signal.SIGXFSZ, handler)
-    writer.abandon()
+    writer.output.close()
     assert rows_in(path) == rows[:60]
 
 

@@ -125,7 +125,7 @@ def with_reserve(random: Random, frames: Iterator[bytes], reserve: str) -> Itera
     """The frames with a `reserve` of `RESERVES`, and with any NUM where it has no meaning."""
     for number, raw in enumerate(frames):
         kind, changed = KIND_BY_HEADER_AND_CMD[raw[0], raw[1]], bytearray(raw)
-        own = kind.open_reserve
+        own = kind.reserved if kind.reserve is None else range(0)
         changed[own.start : own.stop] = RESERVES[reserve](random, number, len(own))
         if not kind.names_motor:
             changed[NUM_OFFSET] = random.randrange(256)

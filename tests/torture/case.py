@@ -217,7 +217,9 @@ def minute() -> bytes:
     part = rows_from([recorded_row(PORTS[0], number) for number in range(count)])
     span_ns = int(part.t_ns[1] - part.t_ns[0]) * count
     batches = [
-        part.replace(t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * part.size)
+        part.replace(
+            t_ns=part.t_ns + copy * span_ns, offset=part.offset + copy * int(part.length.sum())
+        )
         for copy in range(copies)
     ]
     with TemporaryDirectory() as name:
