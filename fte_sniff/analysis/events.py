@@ -1,7 +1,7 @@
 """Events of trouble, counted by window of time: what `findings` searches for spans.
 
 A window has a power of two of nanoseconds, about a second; in long recordings it is longer
-(`segments.added`). A column (`COLUMNS`) has numbers for each window:
+(`segments.added`). A column has numbers for each window:
 
     count   `missed 3`     commands of motor 3 without an answer
     range   `target speed 3`, and of the times of events: the lowest and the highest value
@@ -77,7 +77,6 @@ VALUES: Final = (Role.SPEED, Role.POSITION)
 """The roles of values that have targets."""
 
 _LEAST_JUMP: Final = 64
-_ALL_ONLINE: Final = sum(1 << motor_bit(motor) for motor in MOTORS)
 _OF_PORT: Final = (
     *(PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.SILENT),
     *(PortEventKind.SHARED, PortEventKind.LOST, PortEventKind.FOUND_AGAIN),
@@ -102,26 +101,6 @@ def named(form: str) -> Iterator[tuple[str, dict[str, Any]]]:
     for values in product(*(_KEYS[key] for key in keys)):
         names = dict(zip(keys, values, strict=True))
         yield form.format(**names), names
-
-
-COLUMNS: Final = frozenset(
-    name
-    for form in (
-        *("rows", "rows {motor}", "damaged", "damaged {motor}", "damaged {direction}"),
-        *("fault {fault}", "{direction}", "{event}"),  # these and those above are of a port
-        *("commands {motor}", "asked {motor}", "missed {motor}", "free"),
-        *("timed {motor} {kind}", "late {motor} {kind}"),
-        *("period {kind}", "irregular {kind}"),
-        *("period {motor} {kind}", "irregular {motor} {kind}"),
-        *("feedback", "feedback {motor}", "silent {motor}", "active {motor}"),
-        *("online", "any offline", "lacking {motor}", "offline {motor}"),
-        *("errors {motor}", "flagged {motor}", "raised {motor}", "raised {motor} bit {bit}"),
-        *("target {role} {motor}", "present {role} {motor}", "jump {role} {motor}"),
-        *("held {role} {motor}", "off {role} {motor}"),
-    )
-    for name, _ in named(form)
-)
-"""All columns."""
 
 
 # Events that depend on the frames beside them; none of them spans a gap
@@ -275,7 +254,6 @@ def _count_motors(counter: _Counter, rows: Rows, runs: Ints) -> None:
     with_errors, errors = feedback_with(rows, Role.ERRORS)
     counter.add("feedback", feedback)
     counter.add("online", having)
-    counter.add("any offline", having[online & _ALL_ONLINE != _ALL_ONLINE])
     for code, kind in enumerate(KINDS):
         own = np.flatnonzero(kinds == code)
         for motor in (MOTORS if kind.names_motor else ("",)) if COMMANDS[code] else ():
@@ -363,9 +341,7 @@ class Windows(dict[str, EventCounts]):
             np.maximum.at(found.high, at, own["greatest high"].to_numpy())
 
     def __missing__(self, name: str) -> EventCounts:
-        """A column without events; raises KeyError if it is not one of `COLUMNS`."""
-        if name not in COLUMNS:
-            raise KeyError(name)
+        """A column without events."""
         return EventCounts(*(np.full(len(self.starts_ns), one) for one in _NO_EVENTS))
 
     def total(self, name: str) -> int:

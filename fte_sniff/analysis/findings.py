@@ -140,7 +140,7 @@ _Values = Mapping[str, object]
 
 
 class _Case(NamedTuple):
-    """Two columns of `events.COLUMNS`, for each motor, kind or role in `{}`."""
+    """Two columns of `events`, for each motor, kind or role in `{}`."""
 
     cause: Cause
     events: str
@@ -490,11 +490,9 @@ class Report:
     """`sum rows`, `sum frames`, `sum timed`, and the times `least t` and `greatest t`."""
     not_covered: Mapping[Cause, TranslatableText]
     """By cause, why it could not be examined."""
-    counts: Mapping[Cause, int]
-    """By cause, the rows that bear an event alone, whether or not they are in a finding."""
 
     def coverage(self) -> list[TranslatableText]:
-        """What was examined and counted, where nothing was found; what could not be, and why."""
+        """What was examined, where nothing was found; what could not be, and why."""
         texts = list[TranslatableText]()
         covered = [cause for cause in Cause if cause not in self.not_covered]
         if not covered:
@@ -504,13 +502,6 @@ class Report:
             text = "no findings in {rows:,} rows; examined: {causes}"
             causes = listed(map(TranslatableText, covered))
             texts.append(TranslatableText(text, rows=self.extent["sum rows"], causes=causes))
-            counts = [
-                TranslatableText(_COUNTED[cause][1], count=count)
-                for cause, count in self.counts.items()
-                if count
-            ]
-            text = "counted, but not concentrated at any time: {counts}"
-            texts += [TranslatableText(text, counts=listed(counts))] if counts else []
         for causes, why in self.reasons():
             texts.append(TranslatableText("not examined: {causes}: {why}", causes=causes, why=why))
         return texts
@@ -522,21 +513,12 @@ class Report:
             yield listed(map(TranslatableText, causes)), why
 
 
-_COUNTED: Final = {
-    Cause.DAMAGE: ("damaged", later("malformed rows {count:,}")),
-    Cause.ERROR_FLAG: ("flagged {motor}", later("frames with an ERROR flag {count:,}")),
-    Cause.OFFLINE: ("any offline", later("frames that lack a bit of ONLINE {count:,}")),
-    Cause.UNANSWERED: ("missed {motor}", later("commands without an answer {count:,}")),
-}
-"""The columns of rows that bear an event alone."""
-
-
 def find(counts: Counts) -> Report:
     """Look for the spans in which something is wrong, in what `events.counted` counted."""
     events = Events(counts)
     missing = _uncovered(events)
     if len(missing) == len(Cause):
-        return Report([], events.extent, missing, {})
+        return Report([], events.extent, missing)
     series = [*_series(events)]
     found = [
         *_lost_ports(events),
@@ -544,14 +526,8 @@ def find(counts: Counts) -> Report:
         *_slower(events),
         *_more(series),
     ]
-    every = (events.windows, *events.ports.values())
-    totals = {
-        cause: sum(windows.total(name) for windows in every for name, _ in named(form))
-        for cause, (form, _) in _COUNTED.items()
-        if cause not in missing
-    }
     found = [one for one in found if one.cause not in missing]
-    return Report(ranked(found), events.extent, missing, totals)
+    return Report(ranked(found), events.extent, missing)
 
 
 def hidden_text(filters: Iterable[str]) -> TranslatableText:

@@ -1,10 +1,9 @@
-"""Counts of rows by fault, the time that they span, and the rate of frames."""
+"""Counts of rows by fault, and the time that they span."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
@@ -40,11 +39,6 @@ class Tally:
         self.times = (min(times), max(times)) if times else None
 
     @property
-    def duration_ns(self) -> int | None:
-        """Nanoseconds from the earliest time to the latest; None if no row has a time."""
-        return None if self.times is None else self.times[1] - self.times[0]
-
-    @property
     def by_fault(self) -> Counter[Fault]:
         """Rows by fault, in order of first occurrence; a row counts for each of its faults."""
         found = Counter[Fault]()
@@ -64,29 +58,3 @@ class Tally:
     def malformed(self) -> int:
         """Malformed rows."""
         return self.by_status[Status.MALFORMED]
-
-
-RATE_WINDOW_NS: Final = 2_000_000_000
-"""Window of a rate, nanoseconds."""
-
-
-class Rate:
-    """The rate at which a count rises, in a sliding window."""
-
-    def __init__(self) -> None:
-        self._counts = deque[tuple[int, int]]()
-        """Times and counts, of which the first begins the window."""
-
-    def observe(self, count: int, now_ns: int) -> None:
-        """Note the count so far at a time; neither falls."""
-        self._counts.append((now_ns, count))
-        while len(self._counts) > 1 and self._counts[1][0] <= now_ns - RATE_WINDOW_NS:
-            self._counts.popleft()
-
-    @property
-    def per_second(self) -> float:
-        """The rate in the window that ends with the last count; at first, since the first one."""
-        if not self._counts:
-            return 0.0
-        (first_ns, first), (last_ns, last) = self._counts[0], self._counts[-1]
-        return (last - first) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0

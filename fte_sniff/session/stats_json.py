@@ -63,7 +63,6 @@ def findings_json(report: Report) -> Json:
         "examined": {
             **_extent_json(report.extent),
             "causes": [str(cause) for cause in Cause if cause not in missing],
-            "events": {str(cause): count for cause, count in report.counts.items()},
             "not_covered": [{"cause": cause, "reason": why} for cause, why in missing.items()],
         },
     }

@@ -607,7 +607,7 @@ class SniffApp(App[None]):
             parts.append(_("{count:,} malformed ({share})", count=tally.malformed, share=text))
         if viewport.count and not viewport.following:
             parts.append(_("row {number:,}", number=viewport.cursor + 1))
-        rate = view.frames_per_s()
+        rate = view.frames_per_s(self.now_ns())
         if rate is not None:
             parts.append(_("{rate:,.0f} frames/s", rate=rate))
         return [Text(part) for part in parts]

@@ -13,7 +13,7 @@ from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
 from fte_sniff.analysis.motors import MotorState, motors_at
 from fte_sniff.analysis.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.store import RowStore
-from fte_sniff.analysis.tally import Rate, Tally
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol.items import BaudChange, GapKind, PortEventKind
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
@@ -33,6 +33,8 @@ those of a second of two full lines."""
 _STEP: Final = 500
 """Rows that share what is around them: the cursor moves by small steps."""
 
+RATE_NS: Final = 2_000_000_000
+"""Window of the rate of frames."""
 MOST_WINDOW: Final = 60_000
 """Most rows of a window of `WINDOW_NS`: twice those of two full lines."""
 
@@ -112,7 +114,7 @@ class View:
         self.events = Counter[tuple[str, PortEventKind]]()
         """Port events by port and kind."""
         self._bauds: dict[str, int] = {}
-        self._feed, self._rate = feed, Rate()
+        self._feed = feed
         self._newest_at_ns = 0
         self._around: tuple[tuple[int, int], Around] | None = None
 
@@ -133,7 +135,6 @@ class View:
         if ended:
             self.store.end()
         self.shown.follow()
-        self._rate.observe(self.tally.frames, now_ns)
         return update
 
     def _store(self, update: FeedUpdate) -> None:
@@ -175,12 +176,16 @@ class View:
         """Whether nothing changes without the user."""
         return not self.state.running and not self.shown.pending
 
-    def frames_per_s(self) -> float | None:
-        """Lately in a capture, on average over a file; None without times."""
-        if self.lives:
-            return self._rate.per_second
-        duration_ns = self.tally.duration_ns
-        return self.tally.frames * 1e9 / duration_ns if duration_ns else None
+    def frames_per_s(self, clock_ns: int) -> float | None:
+        """In the last two seconds of a capture, on average over a file; None without times."""
+        now_ns, frames, duration_ns = self.now_ns(clock_ns), self.tally.frames, 0
+        if now_ns is not None and self.first_ns is not None:
+            duration_ns = now_ns - self.first_ns
+        if self.lives and now_ns is not None and duration_ns > RATE_NS:
+            rows = self.store.batch(self.store.next - MOST_WINDOW, self.store.next)
+            frames = int(np.count_nonzero(rows.framed & (rows.t_ns > now_ns - RATE_NS)))
+            duration_ns = RATE_NS
+        return frames * 1e9 / duration_ns if duration_ns > 0 else None
 
     def set_filter(self, row_filter: RowFilter | None) -> None:
         """Show only rows that pass the filter, or all."""

@@ -131,14 +131,6 @@ def test_feedback_without_online_takes_no_motor_offline() -> None:
     assert report(rows_from(some.talk_with_feedback_without_flags(60))).found == []
 
 
-def test_unknown_column_is_an_error() -> None:
-    found = events.Events(events.counted(table_of([some.frame("speed", 0)])))
-    assert found.windows.total("commands 1") == 1
-    assert found.windows.total("late 4 position") == 0
-    with pytest.raises(KeyError, match="late position 4"):
-        found.windows.total("late position 4")
-
-
 def test_flags_that_come_again_and_again_are_few_findings_with_all_of_them() -> None:
     rows = polled(1200, lambda n, motor: {"error": 2 if motor == 1 and n % 1200 < 5 else 0})
     found = find(rows)
@@ -322,12 +314,6 @@ def test_what_rows_cannot_show_is_named(rows: list[Row], causes: int, why: str) 
     found = find_counted(events.counted(table_of([*rows])))
     assert [str(one) for one in found.not_covered.values()].count(why) == causes
     assert any(why in line for line in found.coverage())
-
-
-def test_coverage_counts_what_is_no_finding() -> None:
-    found = report(recording(np.random.default_rng(5), 300, None)).coverage()
-    assert found[0].startswith("no findings in ")
-    assert found[1].startswith("counted, but not concentrated at any time: malformed rows ")
 
 
 @given(st.lists(st.integers(0, 3), max_size=60), st.integers(0, 60))

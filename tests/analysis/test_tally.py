@@ -1,19 +1,16 @@
-"""Counts of rows, and the rate of frames."""
+"""Counts of rows."""
 
 from __future__ import annotations
 
 from collections import Counter
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.tally import Rate, Tally
+from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import Status
 from tests.support.columns import rows_from
-
-SECOND = 1_000_000_000
 
 
 @given(rows=st.lists(st.from_type(Row), max_size=12), cut=st.integers(0, 12))
@@ -25,28 +22,8 @@ def test_a_tally_equals_a_count_by_hand(rows: list[Row], cut: int) -> None:
     times = [row.t_ns for row in rows if row.t_ns is not None]
     assert (tally.rows, tally.frames) == (len(rows), sum(row.framed for row in rows))
     assert tally.times == ((min(times), max(times)) if times else None)
-    assert tally.duration_ns == (max(times) - min(times) if times else None)
     assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
     assert tally.by_status == Counter(row.status for row in rows)
     by_hand = Counter(fault for row in rows for fault in row.faults)
     assert tally.by_fault == by_hand
     assert {*tally.by_fault} == {*by_hand}
-
-
-@pytest.mark.parametrize(
-    ("counts", "rate"),
-    [
-        ([], 0.0),
-        ([(10, 0.0)], 0.0),
-        ([(0, 0.0), (10, 1.0)], 10.0),
-        ([(0, 0.0), (10, 1.0), (20, 2.0)], 10.0),
-        ([(0, 0.0), (50, 1.0), (60, 2.0), (80, 3.0)], 15.0),
-        ([(0, 0.0), (10, 1.0), (10, 2.5)], 4.0),
-        ([(0, 0.0), (10, 1.0), (10, 9.0)], 0.0),
-    ],
-)
-def test_a_rate_looks_back_two_seconds(counts: list[tuple[int, float]], rate: float) -> None:
-    meter = Rate()
-    for count, at in counts:
-        meter.observe(count, int(at * SECOND))
-    assert meter.per_second == pytest.approx(rate)
