@@ -23,7 +23,6 @@ from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.capture.silence import DEFAULT_SILENCE_S
 from fte_sniff.cli.capture_loop import Observer, capture
-from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.input_files import (
     FileName,
     filter_option,
@@ -296,6 +295,8 @@ def run_capture(
     if given.udp is not None:
         observers.append(Datagrams(local("--udp", given.udp, is_network), wanted))
     if given.serve is not None:
+        from fte_sniff.cli.foxglove_server import FoxgloveServer
+
         address = local("--serve", given.serve, is_network)
         observers.append(FoxgloveServer(address, plan.wiring.names, given.origins))
     elif given.origins:

@@ -7,6 +7,8 @@ The protocol is that of https://github.com/foxglove/ws-protocol, docs/spec.md; i
 the one before 2025 are equal in what is used here. A web page that the user visits can connect to
 any port of this machine, also by a name that leads there: the library checks the Origin that a
 browser sends, and `_refused` the Host.
+
+Importing this module raises UsageError if the package websockets is not installed.
 """
 
 from __future__ import annotations
@@ -16,28 +18,34 @@ import json
 import logging
 import os
 import re
+import socket
 import struct
 import sys
 from base64 import b64encode
 from collections.abc import Collection, Sequence
-from concurrent.futures import Future
 from contextlib import suppress
 from http import HTTPStatus
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.protocol.items import PortEvent
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording import schema
+from fte_sniff.session.live_session import LiveSession
 
-if TYPE_CHECKING:
-    from websockets.asyncio.server import ServerConnection
+try:
+    from websockets.asyncio.server import ServerConnection, broadcast, serve
+    from websockets.exceptions import ConnectionClosed
     from websockets.http11 import Request, Response
-
-    from fte_sniff.analysis.feed import FeedUpdate
-    from fte_sniff.protocol.rows import Rows
-    from fte_sniff.session.live_session import LiveSession
+    from websockets.typing import Origin, Subprotocol
+except ImportError:
+    raise UsageError(
+        f"--serve needs websockets: `{sys.executable} -m pip install websockets`"
+    ) from None
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"
@@ -69,38 +77,32 @@ class FoxgloveServer(Observer):
     """Serves the rows and port events of a capture as they come, in a thread of its own."""
 
     def __init__(
-        self,
-        address: tuple[str, int],
-        ports: Sequence[str],
-        origins: Collection[str] = (),
+        self, address: tuple[str, int], ports: Sequence[str], origins: Collection[str] = ()
     ) -> None:
         """Listen at the address: host and port, where port 0 is any that is free.
 
         `ports` are those of the rows, `origins` those of further web pages that may read. Raises
-        UsageError if the package is not installed, or the address cannot be used.
+        UsageError if the address cannot be used.
         """
-        from fte_sniff.recording.schema import TOPICS
-
         self._origins, self._name = origins, address[0]
-        keys = ((port, topic) for port in ports for topic in TOPICS)
+        keys = ((port, topic) for port in ports for topic in schema.TOPICS)
         self._channels = {key: number for number, key in enumerate(keys, 1)}
         self._viewers: dict[ServerConnection, dict[int, int]] = {}
         """Of each viewer, its subscriptions by channel."""
-        begun = Future[None]()
-        arguments = (self._run(address, begun),)
-        self._thread = Thread(target=asyncio.run, args=arguments, daemon=True)
-        self._thread.start()
+        self._runner, self._is_ending = asyncio.Runner(), asyncio.Event()
         try:
-            begun.result()
-        except ImportError:
-            raise UsageError(
-                f"--serve needs websockets: `{sys.executable} -m pip install websockets`"
-            ) from None
+            family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+            listening = socket.create_server(address, family=family)
         except OSError as error:
             why = os.strerror(error.errno or 0)
             raise UsageError(
                 f"--serve {address[0]}:{address[1]}: {why}; name another port, as in --serve 8766"
             ) from None
+        self.url = f"ws://{address[0]}:{listening.getsockname()[1]}"
+        self._loop = self._runner.get_loop()
+        arguments = (self._run(listening),)
+        self._thread = Thread(target=self._runner.run, args=arguments, daemon=True)
+        self._thread.start()
 
     @property
     def wanted(self) -> set[int]:
@@ -111,44 +113,32 @@ class FoxgloveServer(Observer):
         """Print the address."""
         print_err(f"viewers can connect to {self.url} (Foxglove WebSocket)")
 
-    def update(self, update: FeedUpdate, session: LiveSession) -> None:
+    def update(self, update: FeedUpdate, session: LiveSession | None = None) -> None:
         """Send the rows and port events that viewers subscribed to, in order of time."""
-        self.send(update.rows, update.events)
-
-    def send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
-        """Send rows and port events to the viewers of their channels."""
-        asyncio.run_coroutine_threadsafe(self._send(rows, events), self._loop).result()
+        sending = self._send(update.rows, update.events)
+        asyncio.run_coroutine_threadsafe(sending, self._loop).result()
 
     def ended(self, session: LiveSession | None = None) -> None:
         """Hang up; viewers that do not read the last messages at once lose them."""
         self._loop.call_soon_threadsafe(self._is_ending.set)
         self._thread.join()
+        self._runner.close()
 
     # What follows runs in the thread of the loop.
 
-    async def _run(self, address: tuple[str, int], begun: Future[None]) -> None:
-        """Serve until the end; the future gets why it cannot begin."""
+    async def _run(self, listening: socket.socket) -> None:
+        """Serve until the end."""
         logging.disable()  # the libraries would write on the screen
-        try:
-            from websockets.asyncio.server import serve
-            from websockets.typing import Origin, Subprotocol
-
-            server = await serve(
-                self._serve,
-                *address,
-                process_request=self._refused,
-                origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
-                subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
-                compression=None,
-                ping_interval=None,
-                close_timeout=_CLOSE_S,
-            )
-        except (ImportError, OSError) as error:
-            begun.set_exception(error)
-            return
-        self.url = f"ws://{address[0]}:{server.sockets[0].getsockname()[1]}"
-        self._loop, self._is_ending = asyncio.get_running_loop(), asyncio.Event()
-        begun.set_result(None)
+        server = await serve(
+            self._serve,
+            sock=listening,
+            process_request=self._refused,
+            origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
+            subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
+            compression=None,
+            ping_interval=None,
+            close_timeout=_CLOSE_S,
+        )
         await self._is_ending.wait()
         server.close()
         with suppress(TimeoutError):
@@ -165,8 +155,6 @@ class FoxgloveServer(Observer):
 
     async def _serve(self, connection: ServerConnection) -> None:
         """Serve one viewer until it leaves; a message that is not understood is skipped."""
-        from websockets.exceptions import ConnectionClosed
-
         self._viewers[connection] = {}
         info = {"op": "serverInfo", "name": "fte-sniff", "capabilities": []}
         with suppress(ConnectionClosed):
@@ -178,17 +166,15 @@ class FoxgloveServer(Observer):
         del self._viewers[connection]
 
     def _advertisement(self) -> dict[str, Any]:
-        from fte_sniff.recording.schema import encodable, schema_data, schema_name
-
         channels = [
             {
                 "id": number,
                 "topic": topic.name,
                 "encoding": "protobuf",
-                "schemaName": schema_name(topic),
+                "schemaName": schema.schema_name(topic),
                 "schemaEncoding": "protobuf",
-                "schema": b64encode(schema_data(topic.schema)).decode(),
-                "metadata": {"port": encodable(port)},
+                "schema": b64encode(schema.schema_data(topic.schema)).decode(),
+                "metadata": {"port": schema.encodable(port)},
             }
             for (port, topic), number in self._channels.items()
         ]
@@ -207,10 +193,6 @@ class FoxgloveServer(Observer):
 
     async def _send(self, rows: Rows, events: Sequence[PortEvent]) -> None:
         """Send to the viewers that subscribed; those that do not read are disconnected."""
-        from websockets.asyncio.server import broadcast
-
-        from fte_sniff.recording.schema import encode, topic_of
-
         for viewer in self._viewers:
             transport = viewer.transport
             if not transport.is_closing() and transport.get_write_buffer_size() > MOST_UNREAD:
@@ -219,8 +201,8 @@ class FoxgloveServer(Observer):
                 print_err(f"the viewer {name} did not read, and was disconnected")
         for entry in in_order(rows, events) if self.wanted else ():
             t_ns = entry.t_ns or 0
-            message = encode(entry, t_ns)
-            channel = self._channels[entry.port, topic_of(entry)]
+            message = schema.encode(entry, t_ns)
+            channel = self._channels[entry.port, schema.topic_of(entry)]
             for viewer, subscriptions in self._viewers.items():
                 if channel in subscriptions:
                     broadcast([viewer], _MESSAGE.pack(1, subscriptions[channel], t_ns) + message)

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.cli.foxglove_server import (
     FOXGLOVE_ORIGIN,
     MOST_UNREAD,
@@ -128,10 +129,10 @@ def test_viewer_gets_what_it_subscribed_to(server: FoxgloveServer, protocol: str
     with sync_client.connect(
         server.url, subprotocols=[protocol], open_timeout=BOUND_S
     ) as connection:
-        server.send(noise(5), [])  # nobody subscribed to it
+        server.update(FeedUpdate(FeedState("p"), noise(5)))  # nobody subscribed to it
         viewer = Viewer(connection)
         wait_until(lambda: server.wanted)
-        server.send(noise(5), [])
+        server.update(FeedUpdate(FeedState("p"), noise(5)))
         assert [viewer.message()[1] for _ in range(5)] == [1000 * n for n in range(5)]
         connection.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [*viewer.channels]}))
         wait_until(lambda: not server.wanted)
@@ -155,7 +156,7 @@ def test_message_that_is_not_understood_is_skipped(
         connection.send(message)
         viewer = Viewer(connection)
         wait_until(lambda: server.wanted)
-        server.send(noise(1), [])
+        server.update(FeedUpdate(FeedState("p"), noise(1)))
         assert viewer.message()[1] == 0
 
 
@@ -190,7 +191,7 @@ DROPPED = re.compile(r"the viewer 127\.0\.0\.1:\d+ did not read, and was disconn
 def test_viewer_that_does_not_read_is_dropped(server: FoxgloveServer, deaf, capsys) -> None:
     rows, sent = noise(10_000), 0
     while server.wanted:
-        server.send(rows, [])
+        server.update(FeedUpdate(FeedState("p"), rows))
         sent += 10 * len(rows)
         assert sent < 100 * MOST_UNREAD
     assert DROPPED.fullmatch(capsys.readouterr().err)
@@ -203,7 +204,7 @@ def test_viewer_that_pings_and_does_not_read_is_dropped(
     for _ in while_waiting(lambda: "the end of the connection"):
         try:
             deaf.sendall(pings)
-            server.send(noise(0), [])
+            server.update(FeedUpdate(FeedState("p"), noise(0)))
         except OSError:
             break
     wait_until(lambda: not server.wanted)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.repair import repaired
 from fte_sniff.protocol.items import PortEvent, PortEventKind
@@ -46,8 +47,8 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     watch = ("node", "watch.mjs", server.url)
     with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
         wait_until(lambda: len(server.wanted) == len(TOPICS) or viewer.poll() is not None)
-        server.send(rows_from(rows), events)
-        server.close()
+        server.update(FeedUpdate(FeedState("p"), rows_from(rows), events))
+        server.ended()
         read = viewer.communicate(timeout=BOUND_S)[0].decode().splitlines()
     assert read == expected_lines(rows, events)
 
