@@ -21,26 +21,23 @@ import polars.selectors as cs
 from fte_sniff.protocol.columns import COLUMNS, PREVIOUS, Column, ColumnType
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
+_OF_TYPE: Final = {
+    ColumnType.TIME: pl.Datetime("ns", "UTC"),
+    ColumnType.REAL: pl.Float64(),
+    ColumnType.BOOL: pl.Boolean(),
+    ColumnType.TEXT: pl.String(),
+    ColumnType.HEX: pl.String(),
+}
+
 
 def column_dtype(column: Column) -> pl.DataType:
     """The polars type of a column's values, as narrow as the values allow."""
+    if column.type is ColumnType.INT:
+        found: pl.DataType = getattr(pl, column.integer)()
+        return found
     words = pl.Enum([str(word) for word in column.words])
-    match column.type:
-        case ColumnType.TIME:
-            return pl.Datetime("ns", "UTC")
-        case ColumnType.INT:
-            found: pl.DataType = getattr(pl, column.integer)()
-            return found
-        case ColumnType.REAL:
-            return pl.Float64()
-        case ColumnType.BOOL:
-            return pl.Boolean()
-        case ColumnType.WORD:
-            return words
-        case ColumnType.WORDS:
-            return pl.List(words)
-        case ColumnType.TEXT | ColumnType.HEX:
-            return pl.String()
+    of_words = {ColumnType.WORD: words, ColumnType.WORDS: pl.List(words)}
+    return of_words.get(column.type) or _OF_TYPE[column.type]
 
 
 TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {

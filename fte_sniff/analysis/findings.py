@@ -66,9 +66,6 @@ _EXPLAINS: Final[Mapping[Cause, str]] = {
     Cause.DAMAGE: "damage unanswered late jump irregular_commands silence unlike_others",
     Cause.OFFLINE: "silence unanswered off_target",
     Cause.ERROR_FLAG: "off_target",
-    Cause.IRREGULAR_COMMANDS: "unanswered late",
-    Cause.OFF_TARGET: "jump",
-    Cause.LATE: "unlike_others",
 }
 """Causes whose findings in the same span are consequences of a cause."""
 
@@ -336,15 +333,15 @@ _CASES: Final = (
         ),
         "motor = {motor}",
     ),
-    _Case(
-        *(Cause.IRREGULAR_COMMANDS, "irregular {kind}", "period {kind}", _IRREGULAR),
-        "kind = '{kind}'",
-        least_share=0.1,
-    ),
-    _Case(
-        *(Cause.IRREGULAR_COMMANDS, "irregular {motor} {kind}", "period {motor} {kind}"),
-        *(_IRREGULAR, "kind = '{kind}' AND motor = {motor}"),
-        least_share=0.1,
+    *(
+        _Case(
+            *(Cause.IRREGULAR_COMMANDS, f"irregular {of}", f"period {of}", _IRREGULAR, shown),
+            least_share=0.1,
+        )
+        for of, shown in (
+            ("{kind}", "kind = '{kind}'"),
+            ("{motor} {kind}", "kind = '{kind}' AND motor = {motor}"),
+        )
     ),
 )
 
