@@ -34,7 +34,9 @@ EVENT: Final = later("a port event, or rows that are missing: not a row")
 
 STATES: Final = {
     Trouble.NONE: later("its commands are answered, and nothing is wrong"),
-    Trouble.LATE: later("answers take twice as long as usual, or longer"),
+    Trouble.LATE: later(
+        "more answers than before, or than of the others, take twice as long as usual"
+    ),
     Trouble.OFF_TARGET: later("its feedback is far from its target"),
     Trouble.DAMAGE: later("more than 2 % of its rows are damaged"),
     Trouble.UNANSWERED: later("more than 2 % of its commands have no answer"),
