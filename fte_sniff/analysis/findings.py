@@ -61,7 +61,8 @@ class Cause(StrEnum):
 
 
 _EXPLAINS: Final[Mapping[Cause, str]] = {
-    Cause.PORT: " ".join(Cause),
+    # Bytes that came damaged are not explained by those that did not come.
+    Cause.PORT: " ".join(one for one in Cause if one is not Cause.DAMAGE),
     Cause.SILENCE: "unanswered late off_target",
     Cause.DAMAGE: "damage unanswered late jump irregular_commands silence unlike_others",
     Cause.OFFLINE: "silence unanswered off_target",

@@ -32,8 +32,8 @@ def busy_error(port: str, device: str, holders: Sequence[Holder]) -> RefusedErro
 
 def _busy(device: str, holders: Sequence[Holder]) -> TranslatableText:
     return TranslatableText(
-        " is busy: {holders}; watch that program with `fte-sniff live --attach {port}`, or read the"
-        " port all the same with --share",
+        " is busy: {holders}; watch that program with `fte-sniff live --attach {port}`, or read"
+        " beside it with --share, which may take bytes from it",
         holders=holders_text(holders),
         port=device,
     )

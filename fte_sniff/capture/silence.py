@@ -4,7 +4,7 @@
     events      .. silent   bytes again       after 2 s without a byte
 
 Also reported, once until a frame comes: 5 s of only 00, of one other byte, or of bytes without a
-frame.
+frame; and then the frame.
 """
 
 from __future__ import annotations
@@ -35,11 +35,15 @@ class SilenceWatch:
         """Note that the port is not open: it is not silent."""
         self._last_ns = inf
         """When the last bytes came; infinity before the first."""
-        self._is_silent = False
+        self._is_silent = self._is_named = False
+        self._wrong_since_ns: float | None = None
+        """Since when there was no frame, once that was reported and a frame came."""
         self.frame_came()
 
     def frame_came(self) -> None:
         """Note a readable frame: the line is right."""
+        if self._is_named:
+            self._wrong_since_ns = self._since_ns
         self._since_ns, self._count, self._is_named = inf, 0, False
         self._values = set[int]()
 
@@ -60,6 +64,10 @@ class SilenceWatch:
             self._is_silent = True
             detail = TranslatableText("silent for {seconds:.1f} s", seconds=self._silence_s)
             return self._event(t_ns, PortEventKind.SILENT, detail, self._silence_s)
+        if self._wrong_since_ns is not None:
+            wrong_s, self._wrong_since_ns = (t_ns - self._wrong_since_ns) / 1e9, None
+            detail = TranslatableText("frames again after {seconds:.1f} s", seconds=wrong_s)
+            return self._event(t_ns, PortEventKind.BYTES_AGAIN, detail, wrong_s)
         if t_ns - self._since_ns < NO_FRAME_NS or self._is_named or self._count < FEW_BYTES:
             return None
         self._is_named = True

@@ -179,7 +179,7 @@ class StatusLine(Static):
             case PortEventKind.OPENED | PortEventKind.CLOSED:
                 pass  # the table has a line for it
             case PortEventKind.FOUND_AGAIN | PortEventKind.BYTES_AGAIN | PortEventKind.BAUD_CHANGED:
-                for kind in (PortEventKind.LOST, PortEventKind.SILENT):
+                for kind in (PortEventKind.LOST, PortEventKind.SILENT, PortEventKind.WIRING):
                     self.forget((event.port, kind))
                 self.inform(text)
             case _:

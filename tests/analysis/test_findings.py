@@ -338,3 +338,12 @@ def feedback(at_ns: int, motor: int = 1, error: int = 0, online: int = 15) -> Ro
 def feedback_bytes(motor: int, error: int, online: int) -> bytes:
     values = {"motor": motor, "rpm": 0, "error": error, "online": online}
     return encode(KIND_BY_NAME["speed_feedback"], values)
+
+
+def test_damage_between_silences_is_a_finding_of_its_own() -> None:
+    rows, what = rows_with("damage")
+    times = [START_NS + at * SECOND for at in (299, 350, 401)]
+    happened = [PortEvent(t_ns, "bus", PortEventKind.SILENT, "") for t_ns in times]
+    found = find(rows, happened=happened)
+    assert any(one.cause is Cause.PORT and one.events == 3 for one in found)
+    assert is_found(found, what)

@@ -65,10 +65,12 @@ def test_bytes_without_a_frame_are_named_once(data: bytes, named: str) -> None:
     assert event.kind == "wiring"
     assert event.detail.startswith(named)
     assert event.t_ns == 5000 * MS
-    # Named again only after a frame has come.
+    # Named again only after a frame has come, which is reported too.
     assert observed(watch, reads, 12_000) == []
     watch.frame_came()
-    assert len(observed(watch, reads, 12_000)) == 1
+    again, event = observed(watch, reads, 12_000)
+    assert (again.kind, again.detail) == ("bytes_again", "frames again after 0.0 s")
+    assert event.kind == "wiring"
 
 
 def test_line_with_frames_and_a_line_with_few_bytes_are_not_named() -> None:

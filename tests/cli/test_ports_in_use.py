@@ -24,7 +24,8 @@ def test_port_that_another_program_holds_is_refused(run, command: str) -> None:
     assert (done.returncode, done.stdout) == (3, "")
     assert done.stderr == (
         f"fte-sniff: {name} is busy: sleep (pid {other.pid}) has it open; watch that program with "
-        f"`fte-sniff live --attach {name}`, or read the port all the same with --share\n"
+        f"`fte-sniff live --attach {name}`, or read beside it with --share, which may "
+        "take bytes from it\n"
     )
 
 
