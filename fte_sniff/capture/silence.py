@@ -36,6 +36,8 @@ class SilenceWatch:
         self._last_ns = inf
         """When the last bytes came; infinity before the first."""
         self._is_silent = self._is_named = False
+        self._since_ns = inf
+        """Since when bytes come without a frame."""
         self._wrong_since_ns: float | None = None
         """Since when there was no frame, once that was reported and a frame came."""
         self.frame_came()
