@@ -264,12 +264,7 @@ def _started(name: str, holders: list[Holder], device: str) -> subprocess.Popen[
             start_new_session=True,  # a Ctrl-C ends the capture, which ends strace
         )
     except OSError as error:
-        raise PortError(
-            "{port}: {program} cannot be run: {why}",
-            port=printable(name),
-            program=printable(program),
-            why=error.strerror,
-        ) from error
+        raise _refusal(name, holders, str(error)) from error
 
 
 def _terminals_of(holders: list[Holder]) -> set[str]:

@@ -59,6 +59,7 @@ def connect_bridge(lasting: LastingPort, link: str | None, clock: Clock) -> Conn
     except BaseException:
         port.close()
         raise
+    request_low_latency(port)
     _set_exclusive(port, termios.TIOCEXCL)
     forwarder = Forwarder(lasting, port, host, clock)
 
@@ -72,10 +73,9 @@ def connect_bridge(lasting: LastingPort, link: str | None, clock: Clock) -> Conn
     return Connection(
         names=(lasting.name, HOST),
         detail=TranslatableText(
-            "a host program can open {name}; {settings}; {low}",
+            "a host program can open {name}; {settings}",
             name=host.name,
             settings=str(lasting.settings),
-            low=request_low_latency(port),
         ),
         readers=(forwarder.feedback, forwarder.control),
         close=close,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import errno
 import re
 import stat
-from collections.abc import Sequence
 from pathlib import Path
 
-from fte_sniff.capture.discovery import Holder, holders_of, holders_text
+from fte_sniff.capture.discovery import holders_of, holders_text
 from fte_sniff.capture.url_handlers import SCHEMES, is_network, scheme_of
 from fte_sniff.errors import REASONS, PortError, TranslatableText, listed, printable
 from fte_sniff.platform import POSIX, TerminalError
@@ -23,20 +22,6 @@ _FORBIDDEN, _BUSY = {errno.EACCES, errno.EPERM}, {errno.EBUSY, errno.EAGAIN}
 
 class RefusedError(PortError):
     """The port is there, but it cannot be opened: another program holds it, or it is forbidden."""
-
-
-def busy_error(port: str, device: str, holders: Sequence[Holder]) -> RefusedError:
-    """The error for a port that other programs have open, with both fixes."""
-    return RefusedError("{port}{what}", port=port, what=_busy(device, holders))
-
-
-def _busy(device: str, holders: Sequence[Holder]) -> TranslatableText:
-    return TranslatableText(
-        " is busy: {holders}; watch that program with `fte-sniff live --attach {port}`, or read"
-        " beside it with --share, which may take bytes from it",
-        holders=holders_text(holders),
-        port=device,
-    )
 
 
 def check_name(name: str) -> None:
@@ -92,7 +77,12 @@ def _device_problem(device: str, number: int | None) -> str | None:
     if number in _FORBIDDEN:
         return TranslatableText(": no permission; {fix}", fix=permission_fix(device))
     if number in _BUSY:
-        return _busy(device, holders_of(device))
+        return TranslatableText(
+            " is busy: {holders}; watch that program with `fte-sniff live --attach {port}`, or read"
+            " beside it with --share, which may take bytes from it",
+            holders=holders_text(holders_of(device)),
+            port=device,
+        )
     if number in (errno.ENOTTY, errno.EISDIR, errno.EINVAL, errno.ENOTDIR):
         return TranslatableText(" is not a serial port; {there}", there=_existing_ports())
     if number in (errno.EIO, errno.ENXIO, errno.ENODEV):

@@ -27,9 +27,8 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
     """Open a port to read it; raises PortError if it cannot be opened."""
     name, settings, port = lasting.name, lasting.settings, lasting.open()
     device = device_of(port)
-    low_latency = TranslatableText("latency left alone")
     if not settings.share:
-        low_latency = request_low_latency(port)
+        request_low_latency(port)
     errors, read = LineErrors(name, counters_of(port)), reader_of(port)
 
     def received() -> Iterable[Item]:
@@ -47,10 +46,7 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
     return Connection(
         names=(name,),
         detail=TranslatableText(
-            "{settings}; {low}; {line}",
-            settings=str(settings),
-            low=low_latency,
-            line=errors.description,
+            "{settings}; {line}", settings=str(settings), line=errors.description
         ),
         readers=readers,
         close=close,

@@ -12,6 +12,7 @@ modem line, no lock, and no byte is discarded. (Linux itself raises DTR and RTS 
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import select
@@ -26,7 +27,7 @@ import serial
 from serial.urlhandler import protocol_socket
 
 from fte_sniff.capture.discovery import holders_of, is_terminal
-from fte_sniff.capture.port_errors import busy_error, check_name, port_error
+from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.capture.url_handlers import NETWORK_LATENCY_NS, is_network
 from fte_sniff.errors import TranslatableText, UsageError, ValueRangeError, printable
 from fte_sniff.platform import POSIX, TerminalError
@@ -97,7 +98,8 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
     try:
         port = _unopened(name, settings)
         device = device_of(port)
-        _refuse_held(name, device, settings)
+        if device is not None and not settings.share and is_terminal(device) and holders_of(device):
+            raise OSError(errno.EBUSY, "")
         port.open()
         if is_network(name):
             _keep_alive(port)
@@ -106,13 +108,6 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
     except (OSError, ValueError, LookupError, OverflowError, TerminalError, re.error) as error:
         raise port_error(name, device, error) from error
     return port
-
-
-def _refuse_held(name: str, device: str | None, settings: PortSettings) -> None:
-    if device is None or settings.share or not is_terminal(device):
-        return
-    if holders := holders_of(device):
-        raise busy_error(printable(name), device, holders)
 
 
 def _unopened(name: str, settings: PortSettings) -> serial.Serial:
@@ -230,14 +225,11 @@ def _descriptor_writer(descriptor: int) -> Write:
 _SYS_TTY: Final = Path("/sys/class/tty")
 
 
-def request_low_latency(port: serial.Serial) -> TranslatableText:
-    """Request that the driver delivers bytes as they arrive; returns its answer."""
-    try:
+def request_low_latency(port: serial.Serial) -> None:
+    """Request that the driver delivers bytes as they arrive, where there is such a setting."""
+    # In this order: a port of a URL, another system, a lost device, a driver without it.
+    with suppress(AttributeError, NotImplementedError, OSError, ValueError):
         port.set_low_latency_mode(True)
-    except (AttributeError, NotImplementedError, OSError, ValueError):
-        # In this order: a port of a URL, another system, a lost device, a driver without it.
-        return TranslatableText("no low latency setting")
-    return TranslatableText("low latency granted")
 
 
 # Parts of the largest latency:

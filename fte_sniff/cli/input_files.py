@@ -15,7 +15,7 @@ import re
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, date, tzinfo
 from functools import cache, partial, wraps
@@ -48,10 +48,10 @@ from fte_sniff.errors import (
 )
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.items import Gap
+from fte_sniff.protocol.items import Chunk, Gap
 from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Status, status_of
 from fte_sniff.session.following import Follower, followed
-from fte_sniff.session.framing import raw_chunks
+from fte_sniff.session.framing import raw_chunks, timed
 from fte_sniff.session.inputs import (
     STDIN_NAME,
     SUFFIXES,
@@ -502,7 +502,7 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if not first:
         raise FileError(f"{name} is empty; there is nothing to read")
     kind = query.kind or kind_of(name, first)
-    baud = query.baud or DEFAULT_BAUD
+    baud, start_ns = query.baud or DEFAULT_BAUD, query.start_ns()
     if kind is InputKind.MCAP:
         if stream is not None:
             raise UsageError(f"{name} is a recording; save it to a file, and name that")
@@ -517,7 +517,10 @@ def _opened(path: Path, query: InputQuery) -> Input:
     if query.topics:
         raise UsageError(f"{path}: --topic is for MCAP files; leave it out")
     if kind is InputKind.RAW:
-        chunks = partial(raw_chunks, stream or path, name, query.start_ns(), baud)
+
+        def chunks() -> Iterator[Chunk]:
+            return timed(raw_chunks(stream or path, name), start_ns, baud)
+
         if stream is not None:
             return chunk_input(name, chunks(), baud=baud)
         count = path.stat().st_size // FRAME_LENGTH
@@ -526,17 +529,17 @@ def _opened(path: Path, query: InputQuery) -> Input:
     from fte_sniff.formats.log import Log
     from fte_sniff.formats.log_times import LogOptions
 
-    given = (query.day, query.zone_given(), query.start_ns(), query.pattern)
-    options = LogOptions(*given, baud=baud)
+    given = (query.day, query.zone_given(), start_ns, query.pattern)
+    options = LogOptions(*given)
     log = Log(name, options, stream)
-    again = tuple if stream else lambda: Log(name, options).chunks()
+    again = tuple if stream else lambda: timed(Log(name, options).chunks(), start_ns, baud)
     return chunk_input(
         name,
-        log.chunks(),
+        timed(log.chunks(), start_ns, baud),
         again,
         baud,
         ports=log.ports,
-        notes=lambda: (*log.notes(), *log.time_notes()),
+        notes=log.notes,
     )
 
 

@@ -38,12 +38,9 @@ def fit_path(path: str, width: int) -> str:
     """Cut a path to at most `width` cells; its end, which distinguishes files, is kept."""
     if cell_len(path) <= width:
         return path
-    kept = ""
-    for character in reversed(path):
-        if cell_len(kept) + cell_len(character) > width - 1:
-            break
-        kept = character + kept
-    return ELLIPSIS + kept if width > 0 else ""
+    while cell_len(path) >= width > 0:
+        path = path[1:]
+    return ELLIPSIS + path if width > 0 else ""
 
 
 def padded(text: str, width: int) -> str:

@@ -27,12 +27,12 @@ from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
-from fte_sniff.errors import FileError, InputTextError, quoted
+from fte_sniff.errors import InputTextError, quoted
 from fte_sniff.formats.log_text import LONGEST_LINE, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
 from fte_sniff.protocol.items import Chunk
-from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Direction, byte_time_ns
+from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Direction
 
 # Forms of bytes
 
@@ -185,18 +185,14 @@ _MOST_BEFORE, _MOST_BEHIND = 4, 2
 """Bytes beside the data of each run, at most, such as a length before or a checksum behind it."""
 _MANY: Final = 5
 """Runs that show it."""
-_LEAST_SHARE: Final = 0.05
-"""Of the bytes of a form in frames."""
-
-
-def _in_frames(data: bytes) -> int:
-    """The bytes in whole frames."""
-    return FRAME_LENGTH * len(_FRAME.findall(data))
+_COST: Final = 0.05
+"""Of a byte outside frames; about this share of the bytes must be in frames."""
 
 
 def _score(data: bytes) -> float:
-    """Frames count for a reader, bytes outside frames against it."""
-    return _in_frames(data) - 0.05 * (len(data) - _in_frames(data))
+    """Bytes in whole frames count for a reader, bytes outside frames against it."""
+    in_frames = FRAME_LENGTH * len(_FRAME.findall(data))
+    return in_frames - _COST * (len(data) - in_frames)
 
 
 def _cut(runs: Sequence[bytes]) -> slice:
@@ -292,8 +288,7 @@ class LineReader:
         return text, time
 
     def _lane(self, text: str, run: re.Match[str]) -> Lane:
-        start = run.start()
-        before = text[start - _LONGEST_WORD if start > _LONGEST_WORD else 0 : start]
+        before = text[max(0, run.start() - _LONGEST_WORD) : run.start()]
         return _word(before.translate(_ZEROS)), run[run.lastindex or 0] if run.lastindex else ""
 
     def _bytes(self, run: re.Match[str]) -> bytes:
@@ -377,11 +372,16 @@ class LineReader:
         self.wires = dict(_by(found, self._way))
         """The data of the first lines, by their ways."""
         self.score = sum(map(_score, self.wires.values()))
-        size = sum(map(len, self.wires.values()))
-        self.has_frames = sum(map(_in_frames, self.wires.values())) > _LEAST_SHARE * size
+        self.has_frames = self.score > 0
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
-        """The way, the time and the data of each line with data."""
+        """The way, the time and the data of each line with data.
+
+        Raises InputTextError if the block is a part of a line.
+        """
+        if len(block) > LONGEST_LINE:
+            what = f"it has a line longer than {LONGEST_LINE >> 20} MB that is not plain hex"
+            raise InputTextError(f"{what}; write each record on a line")
         for entry, above in self._entries(block.split("\n")):
             time = (entry.time or above.time) if self._times_above else entry.time
             yield self._way(entry, above), time, entry.data
@@ -421,10 +421,6 @@ class PlainReader:
         first, self._number = self._number, self._number + block.count("\n")
         return (("", None, data) for data in plain_hex(block, first))
 
-    def notes(self) -> Iterator[str]:
-        """Nothing: all of it is read."""
-        return iter(())
-
 
 # The log
 
@@ -447,29 +443,25 @@ class Log:
             InputTextError: no frames are found in its first lines.
         """
         self.name, self.options = name, options or LogOptions()
-        self._blocks = text_blocks(stream or Path(name))
-        self._decide()
-
-    @property
-    def ports(self) -> list[str]:
-        """The ports of the first lines."""
-        return [*map(self._port, self._reader.wires)] or [self.name]
-
-    def _port(self, way: str) -> str:
-        return f"{self.name}:{way}" if way else self.name
-
-    def _decide(self) -> None:
-        """Decide how to read it, by its first lines."""
+        blocks = text_blocks(stream or Path(name))
         seen, lines = list[str](), list[str]()
         for count in _SAMPLES:
-            while len(lines) < count and (block := next(self._blocks, "")):
+            while len(lines) < count and (block := next(blocks, "")):
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
             if self._has_frames(lines[:count]) or len(lines) <= count:
                 break
-        self._blocks = chain(seen, self._blocks)
+        self._blocks = chain(seen, blocks)
         if not self._reader.has_frames:
             raise InputTextError(f"{self.name}: {_reason(lines[:count], self._readers)}")
+
+    @property
+    def ports(self) -> list[str]:
+        """The ports of the first lines."""
+        return [*map(self._port, self._reader.wires)]
+
+    def _port(self, way: str) -> str:
+        return f"{self.name}:{way}" if way else self.name
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
         """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
@@ -488,34 +480,22 @@ class Log:
         A chunk without bytes says that the next ones are not there yet.
 
         Raises:
-            InputTextError: something in plain hex is not hex.
-            FileError: a line is too long.
+            InputTextError: something in plain hex is not hex, or a line is too long.
         """
-        reader, size, unfinished = self._reader, 0, False
-        is_timed = reader.has_times
-        start_ns, byte_ns = self.options.start_ns, byte_time_ns(self.options.baud)
+        is_timed = self._reader.has_times
         for block in self._blocks:
-            if unfinished and isinstance(reader, LineReader):
-                what = f"has a line longer than {LONGEST_LINE >> 20} MB that is not plain hex"
-                raise FileError(f"{self.name}: {what}; write each record on a line")
-            unfinished = not block.endswith("\n")
             try:
-                for way, time, data in reader.read(block):
-                    size += len(data)  # bytes without times follow each other at the baud
-                    t_ns = None if start_ns is None else start_ns + size * byte_ns
-                    if is_timed:
-                        t_ns = self._clock.time_ns(time)
+                for way, time, data in self._reader.read(block):
+                    t_ns = self._clock.time_ns(time) if is_timed else None
                     yield Chunk(self._port(way), t_ns, data, is_late=is_timed, at_once=is_timed)
             except InputTextError as error:
                 raise InputTextError(f"{self.name}: {error}") from error
             yield Chunk(self.name, None, b"")
 
     def notes(self) -> Iterator[str]:
-        """What is not read, one line each; complete after reading."""
-        yield from self._reader.notes()
-
-    def time_notes(self) -> Iterator[str]:
-        """What its times lack, one line each; complete after reading."""
+        """What is not read, and what its times lack, one line each; complete after reading."""
+        if isinstance(self._reader, LineReader):  # plain hex is read without remainder
+            yield from self._reader.notes()
         yield from self._clock.notes()
 
 

@@ -20,8 +20,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from fte_sniff.protocol.spec import DEFAULT_BAUD
-
 _SECOND: Final = 10**9
 _DAY: Final = 86_400 * _SECOND
 END_NS: Final = 2**63 - _DAY
@@ -55,8 +53,6 @@ _SECONDS: Final = re.compile(
     rf"{_NUMBER}(?: ?(?P<unit>{_UNIT})(?!\w))?"
 )
 """With three decimals or a unit."""
-_BARE_SECONDS: Final = re.compile(rf"^\W*{_NUMBER}\D*$")
-"""A number that is nothing but a time."""
 _HEADING: Final = re.compile(rf"(?i)^(.*)\btime\w* ?[\[(]({_UNIT})[\])]")
 """Of the column of times, with its unit."""
 _LEAST_SHARE: Final = 0.1
@@ -74,7 +70,6 @@ class LogOptions(NamedTuple):
     """When the seconds of the log began; None for 1970."""
     pattern: re.Pattern[str] | None = None
     """A regular expression with the groups `data`, and perhaps `time` and `dir`."""
-    baud: int = DEFAULT_BAUD
 
 
 class LogClock:
@@ -89,7 +84,7 @@ class LogClock:
         seconds = _column(heading[1]) if heading else _SECONDS
         if options.pattern is not None:
             matches = filter(None, map(options.pattern.search, lines))
-            lines, seconds = [one.groupdict().get("time") or "" for one in matches], _BARE_SECONDS
+            lines, seconds = [one.groupdict().get("time") or "" for one in matches], _column("")
         self._first = _times_in(lines, seconds)
         self.style = self._first[0].re if self._first else None
         """The style of the times in most lines; None without times."""
@@ -215,8 +210,7 @@ def _day_of(path: Path) -> tuple[date, str]:
     for found in _IN_NAME.findall(path.name):
         with suppress(ValueError):
             return date(*map(int, found)), "the file's name"
-    try:
-        day = datetime.fromtimestamp(path.stat().st_mtime, UTC).date()
-    except OSError:
-        return datetime.now(UTC).date(), "the clock of this computer"
-    return day, "the file's last modification"
+    if path.exists():
+        modified = datetime.fromtimestamp(path.stat().st_mtime, UTC)
+        return modified.date(), "the file's last modification"
+    return datetime.now(UTC).date(), "the clock of this computer"

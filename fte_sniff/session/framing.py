@@ -30,25 +30,31 @@ _MOST_HELD: Final = 1_000_000
 """Rows that wait for another port."""
 
 
-def raw_chunks(
-    source: Path | BinaryIO, port: str, start_ns: int | None = None, baud: int = DEFAULT_BAUD
-) -> Iterator[Chunk]:
+def raw_chunks(source: Path | BinaryIO, port: str) -> Iterator[Chunk]:
     """Read a file of raw bytes, or an open stream such as standard input, as chunks.
 
-    If the first byte began at `start_ns`, chunks have the times that the baud gives. A chunk
-    without bytes says that the next ones are not there yet. Raises FileError if the file cannot be
-    read.
+    A chunk without bytes says that the next ones are not there yet. Raises FileError if the file
+    cannot be read.
     """
-    size, byte_ns = 0, byte_time_ns(baud)
     try:
         with source.open("rb") if isinstance(source, Path) else nullcontext(source) as stream:
             read = getattr(stream, "read1", stream.read)
             while block := read(_BLOCK):
-                size += len(block)
-                yield Chunk(port, None if start_ns is None else start_ns + size * byte_ns, block)
+                yield Chunk(port, None, block)
                 yield Chunk(port, None, b"")
     except OSError as error:
         raise unreadable(port, error) from error
+
+
+def timed(chunks: Iterable[Chunk], start_ns: int | None, baud: int) -> Iterator[Chunk]:
+    """Chunks; those without times follow each other at the baud from `start_ns` on, if given."""
+    size = 0
+    for chunk in chunks:
+        size += len(chunk.data)
+        if start_ns is not None and chunk.t_ns is None and chunk.data:
+            yield chunk._replace(t_ns=start_ns + size * byte_time_ns(baud))
+        else:
+            yield chunk
 
 
 _END_NS: Final = 2**63

@@ -339,7 +339,7 @@ def test_strace_that_refuses_names_the_way(pty, tmp_path, monkeypatch) -> None:
         with pytest.raises(PortError, match=r"may not watch it, .* use sudo"):
             Wiring([pty.device], way="attach").open(Clock.tied())
         script.write_text("\0")
-        with pytest.raises(PortError, match=r"strace cannot be run: Exec format error"):
+        with pytest.raises(PortError, match=r"strace ended: .*Exec format error"):
             Wiring([pty.device], way="attach").open(Clock.tied())
         script.write_text("#!/bin/sh\nprintf 'strace: a\\nstrace: b\\n' >&2\nexit 1\n")
         with pytest.raises(PortError, match=r"strace ended: strace: b$"):

@@ -61,5 +61,5 @@ def test_port_without_a_uart_has_no_line_errors(pty, name: str) -> None:
 
 def test_source_names_what_the_driver_supports(pty) -> None:
     with Seen(opened(pty.device)) as seen:
-        expected = "115200 baud 8N1, DTR off, RTS off; no low latency setting; line errors "
+        expected = "115200 baud 8N1, DTR off, RTS off; line errors "
         assert seen.wait_for("opened").detail == f"{expected}unavailable"

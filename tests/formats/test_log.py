@@ -23,7 +23,7 @@ from fte_sniff.formats.log_times import LogOptions
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import HEADERS, KINDS, Direction, FrameKind, byte_time_ns, encode
-from fte_sniff.session.framing import rows_of_chunks
+from fte_sniff.session.framing import rows_of_chunks, timed
 from tests.examples import examples
 from tests.formats.layouts import LAYOUTS, Sent, clock, escaped, spaced
 
@@ -67,9 +67,9 @@ def rows_of(content: bytes | str, options: LogOptions | None = None) -> tuple[li
     notes = list[str]()
     data = content.encode() if isinstance(content, str) else content
     log = Log("log.txt", options, BytesIO(data))
-    batches = rows_of_chunks(log.chunks(), notes.append, log.options.baud)
+    batches = rows_of_chunks(log.chunks(), notes.append)
     rows = [row for rows in batches for row in rows]
-    return rows, [*notes, *log.notes(), *log.time_notes()]
+    return rows, [*notes, *log.notes()]
 
 
 def frames_of(log: Sequence[Sent]) -> dict[str, list[bytes]]:
@@ -304,7 +304,7 @@ def test_date_in_the_name_of_a_file_is_that_of_its_times(tmp_path: Path, name: s
     log = Log(str(path))
     (chunk, *_) = log.chunks()
     assert iso_time(chunk.t_ns or 0).startswith("2026-01-31T23:59:59")
-    assert any("the file's name gives 2026-01-31" in note for note in log.time_notes())
+    assert any("the file's name gives 2026-01-31" in note for note in log.notes())
 
 
 def test_times_of_day_pass_midnight() -> None:
@@ -383,14 +383,15 @@ def test_very_long_line_is_read_if_it_is_plain(monkeypatch: pytest.MonkeyPatch) 
     frame = frame_of(KINDS[4], random.Random(1))
     rows, _ = rows_of(" ".join([spaced(frame)] * 200))
     assert [row.raw for row in rows] == [frame] * 200
-    with pytest.raises(FileError, match=r"a line longer than .* that is not plain hex"):
+    with pytest.raises(InputTextError, match=r"a line longer than .* that is not plain hex"):
         rows_of("opened\n" + f"Recv: {spaced(frame)} " * 200)
 
 
 def test_bytes_without_times_follow_each_other_at_the_baud() -> None:
     frame = spaced(frame_of(KINDS[4], random.Random(1)))
     for text in (f"{frame}\n" * 50, f"RX: {frame}\n" * 50):
-        rows, _ = rows_of(text, LogOptions(start_ns=10**18, baud=9600))
+        chunks = timed(Log("x.txt", None, BytesIO(text.encode())).chunks(), 10**18, 9600)
+        rows = [row for rows in rows_of_chunks(chunks, lambda _: None, 9600) for row in rows]
         times = [row.t_ns or 0 for row in rows]
         assert all(b - a == 10 * byte_time_ns(9600) for a, b in pairwise(times))
 
