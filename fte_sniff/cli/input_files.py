@@ -539,7 +539,7 @@ def _opened(path: Path, query: InputQuery) -> Input:
         again,
         baud,
         ports=log.ports,
-        notes=log.notes,
+        notes=lambda: (*log.notes(), *log.clock.notes()),
     )
 
 

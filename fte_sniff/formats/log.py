@@ -27,7 +27,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
-from fte_sniff.errors import InputTextError, quoted
+from fte_sniff.errors import FileError, InputTextError, quoted
 from fte_sniff.formats.log_text import LONGEST_LINE, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
@@ -375,13 +375,7 @@ class LineReader:
         self.has_frames = self.score > 0
 
     def read(self, block: str) -> Iterator[tuple[str, re.Match[str] | None, bytes]]:
-        """The way, the time and the data of each line with data.
-
-        Raises InputTextError if the block is a part of a line.
-        """
-        if len(block) > LONGEST_LINE:
-            what = f"it has a line longer than {LONGEST_LINE >> 20} MB that is not plain hex"
-            raise InputTextError(f"{what}; write each record on a line")
+        """The way, the time and the data of each line with data."""
         for entry, above in self._entries(block.split("\n")):
             time = (entry.time or above.time) if self._times_above else entry.time
             yield self._way(entry, above), time, entry.data
@@ -465,8 +459,8 @@ class Log:
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
         """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
-        self._clock, pattern = LogClock(lines, self.name, self.options), self.options.pattern
-        self._readers = [LineReader(form, lines, self._clock.style, pattern) for form in FORMS]
+        self.clock, pattern = LogClock(lines, self.name, self.options), self.options.pattern
+        self._readers = [LineReader(form, lines, self.clock.style, pattern) for form in FORMS]
         best = max(self._readers, key=lambda one: one.score)
         self._reader: LineReader | PlainReader = best
         if pattern is None and _is_plain(lines) and not _are_lost("\n".join(lines)):
@@ -480,23 +474,27 @@ class Log:
         A chunk without bytes says that the next ones are not there yet.
 
         Raises:
-            InputTextError: something in plain hex is not hex, or a line is too long.
+            InputTextError: something in plain hex is not hex.
+            FileError: a line is too long.
         """
-        is_timed = self._reader.has_times
+        is_timed, unfinished = self._reader.has_times, False
         for block in self._blocks:
+            if unfinished and isinstance(self._reader, LineReader):
+                what = f"has a line longer than {LONGEST_LINE >> 20} MB that is not plain hex"
+                raise FileError(f"{self.name}: {what}; write each record on a line")
+            unfinished = not block.endswith("\n")
             try:
                 for way, time, data in self._reader.read(block):
-                    t_ns = self._clock.time_ns(time) if is_timed else None
+                    t_ns = self.clock.time_ns(time) if is_timed else None
                     yield Chunk(self._port(way), t_ns, data, is_late=is_timed, at_once=is_timed)
             except InputTextError as error:
                 raise InputTextError(f"{self.name}: {error}") from error
             yield Chunk(self.name, None, b"")
 
     def notes(self) -> Iterator[str]:
-        """What is not read, and what its times lack, one line each; complete after reading."""
+        """What is not read, one line each; complete after reading."""
         if isinstance(self._reader, LineReader):  # plain hex is read without remainder
             yield from self._reader.notes()
-        yield from self._clock.notes()
 
 
 _LOST: Final = re.compile(r"(?i)\bFF ?FD\b|\bEF ?BF ?BD\b|\ufffd")

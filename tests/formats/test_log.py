@@ -69,7 +69,7 @@ def rows_of(content: bytes | str, options: LogOptions | None = None) -> tuple[li
     log = Log("log.txt", options, BytesIO(data))
     batches = rows_of_chunks(log.chunks(), notes.append)
     rows = [row for rows in batches for row in rows]
-    return rows, [*notes, *log.notes()]
+    return rows, [*notes, *log.notes(), *log.clock.notes()]
 
 
 def frames_of(log: Sequence[Sent]) -> dict[str, list[bytes]]:
@@ -304,7 +304,7 @@ def test_date_in_the_name_of_a_file_is_that_of_its_times(tmp_path: Path, name: s
     log = Log(str(path))
     (chunk, *_) = log.chunks()
     assert iso_time(chunk.t_ns or 0).startswith("2026-01-31T23:59:59")
-    assert any("the file's name gives 2026-01-31" in note for note in log.notes())
+    assert any("the file's name gives 2026-01-31" in note for note in log.clock.notes())
 
 
 def test_times_of_day_pass_midnight() -> None:
@@ -383,7 +383,7 @@ def test_very_long_line_is_read_if_it_is_plain(monkeypatch: pytest.MonkeyPatch) 
     frame = frame_of(KINDS[4], random.Random(1))
     rows, _ = rows_of(" ".join([spaced(frame)] * 200))
     assert [row.raw for row in rows] == [frame] * 200
-    with pytest.raises(InputTextError, match=r"a line longer than .* that is not plain hex"):
+    with pytest.raises(FileError, match=r"a line longer than .* that is not plain hex"):
         rows_of("opened\n" + f"Recv: {spaced(frame)} " * 200)
 
 
