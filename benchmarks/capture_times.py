@@ -52,6 +52,7 @@ def bare(seconds: float) -> tuple[np.ndarray, Sent]:
         line.begin(DEFAULT_BAUD, seconds, Path(name) / "times")
         shown: list[int] = []
         size = 0
+        poll.poll(60_000)  # the sender starts
         while poll.poll(1000):
             size += len(os.read(line.near, 65_536))
             now_ns = time.clock_gettime_ns(CLOCK)
