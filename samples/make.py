@@ -157,7 +157,7 @@ def _content(path: Path) -> object:
     if path.suffix != ".mcap":
         return path.read_bytes()
     reader = Recording(path)
-    facts = dict(reader.metadata["fte-sniff"])
+    facts = dict(reader.facts)
     for name in ("library", "library.marks"):  # of the release that wrote it
         facts.pop(name, None)
     items = list(reader.items())
