@@ -155,8 +155,6 @@ class Number:
     """One sentence, as if it had changed."""
     score: float = 0.0
     """How much it changed; 0 if that may be chance, or is too little to matter."""
-    motors: tuple[int, ...] = ()
-    """The motors of which several changed alike."""
 
 
 class Comparison(NamedTuple):
@@ -173,7 +171,7 @@ class Comparison(NamedTuple):
         return of_most_motors(
             sorted((one for one in self.numbers if one.score), key=lambda one: -one.score),
             lambda one, other: _topic(one) == _topic(other),
-            lambda group, motors: {"motors": motors},
+            lambda _group: {},
         )
 
 

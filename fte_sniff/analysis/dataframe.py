@@ -73,18 +73,10 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     return pl.Series(words, dtype=dtype).gather(pl.Series(values.astype(np.uint32)))
 
 
-_HEX_PAIRS: Final = np.frombuffer(
-    b"".join(f"{byte:02X}".encode() for byte in range(256)), np.uint16
-)
-
-
 def _raw(rows: Rows) -> pl.Series:
     width = int(rows.length.max(initial=1))
-    digits = _HEX_PAIRS[rows.raw[:, :width]].view(np.uint8)
-    whole = pl.Series(digits, dtype=pl.Array(pl.UInt8(), 2 * width))
-    texts = whole.cast(pl.List(pl.UInt8())).cast(pl.Binary()).cast(pl.String())
-    if (rows.length == width).all():
-        return texts
+    whole = pl.Series(np.ascontiguousarray(rows.raw[:, :width]), dtype=pl.Array(pl.UInt8(), width))
+    texts = whole.cast(pl.List(pl.UInt8())).cast(pl.Binary()).bin.encode("hex").str.to_uppercase()
     return texts.str.head(pl.Series(2 * rows.length.astype(np.int64)))
 
 

@@ -634,7 +634,7 @@ _One = TypeVar("_One", bound=Any)
 def of_most_motors(
     found: Iterable[_One],
     is_alike: Callable[[_One, _One], bool],
-    of_all: Callable[[list[_One], tuple[int, ...]], Mapping[str, Any]],
+    of_all: Callable[[list[_One]], Mapping[str, Any]],
 ) -> list[_One]:
     """What is alike of most motors, as one about all of them.
 
@@ -652,12 +652,12 @@ def of_most_motors(
             rest = [one for one in rest if one not in group]
             form = "motors {motors} alike: {text}"
             text = TranslatableText(form, motors=listed(motors), text=first.text)
-            first = replace(first, motor=None, text=text, **of_all(group, motors))
+            first = replace(first, motor=None, text=text, **of_all(group))
         merged.append(first)
     return merged
 
 
-def _together(group: list[Finding], _motors: tuple[int, ...]) -> Mapping[str, Any]:
+def _together(group: list[Finding]) -> Mapping[str, Any]:
     return {
         "first_ns": min(one.first_ns for one in group),
         "last_ns": max(one.last_ns for one in group),

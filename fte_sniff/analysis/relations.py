@@ -349,9 +349,6 @@ def is_off_target(values: tuple[Ints, Ints], targets: tuple[Ints, Ints], role: R
 
 
 def with_late(found: pl.DataFrame) -> pl.DataFrame:
-    """Answers with `usual_ns`, the median delay of the motor and kind of command, and `late`.
-
-    Both are null without a delay.
-    """
+    """Answers with `late`, by the median of the motor and kind of command; null without a delay."""
     usual = pl.col("delay_ns").median().over("motor", "kind")
-    return found.with_columns(usual_ns=usual, late=pl.col("delay_ns") >= LATE * usual)
+    return found.with_columns(late=pl.col("delay_ns") >= LATE * usual)

@@ -23,7 +23,6 @@ from fte_sniff.analysis.relations import FEEDBACK, AnswerState
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
@@ -38,9 +37,6 @@ from fte_sniff.protocol.spec import (
 )
 
 Json = dict[str, Any]
-
-COUNTED: Final = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
-"""Port events whose count means errors or bytes."""
 
 _EXTENT: Final = (
     pl.len().cast(pl.Int64).alias("sum rows"),
@@ -253,7 +249,7 @@ def _event(one: Mapping[str, Any]) -> Json:
     return {
         "event": one["event"],
         "count": one["sum count"],
-        "total": one["sum total"] if one["event"] in COUNTED else None,
+        "total": one["sum total"] or None,
         "first_time": _time(one["least t"]),
         "last_time": _time(one["greatest t"]),
     }

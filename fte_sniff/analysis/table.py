@@ -121,7 +121,6 @@ class Table:
         `direction`, `faults`, `length`, `source`, the quantities, and what the row before decides,
         among those that are selected:
 
-            run         number of the run
             end_ns      when the last byte ended
             period_ns   from the frame before of the same port, kind and motor
             step_ns     from the row before on the same port
@@ -148,7 +147,6 @@ class Table:
             "faults": pl.Series(rows.faults),
             "length": pl.Series(rows.length.astype(np.int64)),
             "source": pl.Series(self.source[at].astype(np.uint32)),
-            "run": pl.Series(runs["number"]),
             "end_ns": times(ends_ns),
             "period_ns": _since(t_ns, t_ns, before),
             "step_ns": _since(t_ns, t_ns, on_port),

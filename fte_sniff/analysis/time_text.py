@@ -113,16 +113,14 @@ def duration_ns(text: str) -> int | None:
 def day_of(text: str) -> date:
     """The day that `--date` names; raises InputTextError for other texts."""
     try:
-        day = date.fromisoformat(text.strip())
+        if (day := date.fromisoformat(text.strip())).year in _YEARS:
+            return day
     except ValueError:
-        raise InputTextError(
-            f"--date: {quoted(text)} is not a day; write it as 2026-01-31"
-        ) from None
-    if day.year not in _YEARS:
-        raise InputTextError(
-            f"--date: {day} is out of range; times go from {_YEARS.start} to {_YEARS[-1]}"
-        )
-    return day
+        pass
+    raise InputTextError(
+        f"--date: {quoted(text)} is not a day from {_YEARS.start} to {_YEARS[-1]};"
+        " write it as 2026-01-31"
+    )
 
 
 class _Local(tzinfo):

@@ -42,7 +42,7 @@ def test_segments_have_the_facts_and_numbers_of_the_whole(
         )
         for one in parts
     )
-    assert frames.drop("run").equals(whole.frame.drop("run"))
+    assert frames.equals(whole.frame)
     assert [event for one in parts for event in one.events] == [*whole.events]
 
 

@@ -198,7 +198,10 @@ ONLINE = parse_rule("online(1) == 1")
 
 def test_events_of_a_port_are_counted() -> None:
     kinds = [PortEventKind.OPENED, PortEventKind.LINE_ERROR, PortEventKind.LINE_ERROR]
-    events = [PortEvent(START + at, "a", kind, "", 3) for at, kind in enumerate(kinds)]
+    events = [
+        PortEvent(START + at, "a", kind, "", 3 * (kind is PortEventKind.LINE_ERROR))
+        for at, kind in enumerate(kinds)
+    ]
     assert stats_of([*events, damage(1)])["ports"][0]["events"] == [
         {
             "event": "opened", "count": 1, "total": None,
