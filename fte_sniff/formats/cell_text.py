@@ -18,11 +18,6 @@ ELLIPSIS = "…"
 
 def fit(text: str, width: int) -> str:
     """Pad a text at the right, or cut it with an ellipsis, to exactly `width` cells."""
-    if text.isascii():
-        space = width - len(text)
-        if space >= 0:
-            return text + " " * space
-        return text[: width - 1] + ELLIPSIS if width > 0 else ""
     if cell_len(text) <= width:
         return set_cell_size(text, width)
     return set_cell_size(text, width - 1) + ELLIPSIS if width > 0 else ""
