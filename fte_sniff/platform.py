@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import signal
 import sys
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
-from typing import Final
+from typing import BinaryIO, Final
 
 try:
     import termios
@@ -74,6 +75,15 @@ def sync_data(descriptor: int) -> None:
         os.fdatasync(descriptor)
     else:
         os.fsync(descriptor)
+
+
+def is_silent(stream: BinaryIO | None, seconds: float = 1.0) -> bool:
+    """Whether a pipe has nothing more to read for some time; False where that is unknown."""
+    if stream is None or not POSIX:
+        return False
+    with suppress(OSError, ValueError):  # bytes in memory
+        return not select.select([stream], [], [], seconds)[0]
+    return False
 
 
 def cores() -> int:

@@ -452,9 +452,11 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
 
 def _of_table(where: str, table: object) -> Rule:
     match table:
-        case {"name": str(name), "expect": str(expect), **rest} if rest.keys() <= {_ALLOWED}:
+        case {"name": str(name), "expect": str(expect), **rest} if rest.keys() <= {
+            _ALLOWED
+        } and isinstance(allowed := rest.get(_ALLOWED, False), bool):
             try:
-                return parse_rule(expect, name, may_be_uncovered=bool(rest.get(_ALLOWED)))
+                return parse_rule(expect, name, may_be_uncovered=allowed)
             except InputTextError as error:
                 raise InputTextError(f"{where}: {error}") from error
     raise InputTextError(

@@ -431,7 +431,7 @@ def _finding(series: _Series, own: slice, usual: float | None, score: float) -> 
 
 def _usually(share: float | None) -> TranslatableText:
     if share is None:
-        return TranslatableText("there are no others to compare with")
+        return TranslatableText("throughout that time")
     if share < 0.0005:
         return TranslatableText("usually none")
     if share > 0.9995:

@@ -86,9 +86,9 @@ class MotorState:
     """The trouble in a word or two; `ERROR 04` names the byte."""
 
 
-def motors_at(rows: Rows, runs: Runs) -> list[MotorState]:
-    """The state of every motor after the last of some rows, which have their facts."""
-    now_ns = int(rows.t_ns.max(initial=NO_TIME))
+def motors_at(rows: Rows, runs: Runs, now_ns: int | None = None) -> list[MotorState]:
+    """The state of every motor after some rows, which have their facts, at a time not before."""
+    now_ns = max(int(rows.t_ns.max(initial=NO_TIME)), now_ns or NO_TIME)
     found = with_late(answers(rows, runs)).filter(pl.col("cmd").is_in(ANSWERABLE))
     is_recent = rows.t_ns > now_ns - HEALTH_NS
     found = found.with_columns(

@@ -22,6 +22,7 @@ from fte_sniff.analysis.relations import (
     stream_keys,
 )
 from fte_sniff.analysis.table import EMPTY, RowTest, Table
+from fte_sniff.errors import printable
 from fte_sniff.protocol.items import BaudChange, Change, Gap, GapKind, PortEvent
 from fte_sniff.protocol.rows import NO_TIME, Ints, Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
@@ -103,7 +104,7 @@ class Segments:
                 case Rows():
                     index += len(item)
                 case str():
-                    sources.append(item)
+                    sources.append(printable(item))
                     source[index:] += 1
                 case PortEvent():
                     events.append(item)

@@ -105,7 +105,7 @@ def _valid(table: Any, known: Mapping[str, Any], faults: list[str], *path: str) 
         else:
             try:
                 found[name] = kind(value if isinstance(value, list) else str(value))
-            except (click.BadParameter, TypeError) as error:  # a list is not a number
+            except (click.BadParameter, TypeError, AttributeError) as error:  # as of a list
                 faults.append(f"{name}{place}: {' '.join(str(error).split()).rstrip('.')}")
     return found
 

@@ -130,25 +130,29 @@ _REPEAT_S = 1.0
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Context in which the first Ctrl-C raises KeyboardInterrupt, to remove partial files.
+    """Context in which the first signal that ends the program raises an exception.
 
-    A second Ctrl-C ends the program at once and silently. An existing or ignored handler of SIGINT
-    is left alone.
+    So partial files are removed: Ctrl-C raises KeyboardInterrupt, others SystemExit. A second one
+    ends the program at once and silently. A signal that has a handler, or is ignored, is left
+    alone.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
-        yield
-        return
+    own = [one for one in ENDING_SIGNALS if signal.getsignal(one) is signal.SIG_DFL]
 
-    def interrupt(*_: object) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        raise KeyboardInterrupt
+    def interrupt(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        if number == signal.SIGINT:
+            raise KeyboardInterrupt
+        abandon_stdout()
+        raise SystemExit(128 + number)
 
-    signal.signal(signal.SIGINT, interrupt)
+    for one in own:
+        signal.signal(one, interrupt)
     try:
         yield
     finally:
-        if signal.getsignal(signal.SIGINT) is interrupt:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        for one in own:
+            if signal.getsignal(one) is interrupt:
+                signal.signal(one, signal.SIG_DFL)
 
 
 @contextmanager

@@ -31,6 +31,7 @@ from fte_sniff.errors import FileError, InputTextError, quoted
 from fte_sniff.formats.log_text import LONGEST_LINE, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
+from fte_sniff.platform import is_silent
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.spec import FRAME_LENGTH, HEADERS, KINDS, TAIL, Direction
 
@@ -443,6 +444,8 @@ class Log:
             while len(lines) < count and (block := next(blocks, "")):
                 seen.append(block)
                 lines += [line[:_LONGEST_SAMPLED] for line in block.removesuffix("\n").split("\n")]
+                if is_silent(stream) and self._has_frames(lines):
+                    break  # fewer lines decide, as with `tail -f`
             if self._has_frames(lines[:count]) or len(lines) <= count:
                 break
         self._blocks = chain(seen, blocks)

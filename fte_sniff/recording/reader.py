@@ -317,7 +317,7 @@ class Recording:
         if found.unreadable:
             why = TranslatableText("{count} messages", count=found.unreadable)
             self.contents.lost.add(LostBytes(group[0].start, group[-1].stop, why))
-        self._has_rows |= bool(len(found.rows) or found.events)
+        self._has_rows |= bool(len(found.rows))
         done = 0
         for place, event in sorted(found.events.items(), key=itemgetter(0)):
             before = int(found.places.searchsorted(place))

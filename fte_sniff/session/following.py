@@ -15,13 +15,14 @@ from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Item
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
+from fte_sniff.recording.recorder import RETRY_S
 from fte_sniff.session.inputs import Input, Note, beginning_of, note_losses, recording_input
 
 POLL_S: Final = 0.1
 """Interval at which a file is polled by commands that only follow."""
 
-RELEASE_S: Final = 5.0
-"""How long the next file is waited for."""
+RELEASE_S: Final = 3 * RETRY_S
+"""How long the next file is waited for: a writer whose disk is full tries again meanwhile."""
 
 
 def grown(

@@ -633,7 +633,9 @@ class SniffApp(App[None]):
             *(pane.page, pane.size, table.field, view.shown.matches),
             *(self.findings.at, self.findings.listed, self.streams.at),
         )
-        drawn = (table.cursor_index, view.shown.count, view.store.next if cursor is None else 0)
+        seconds = now_ns // 1_000_000_000 if view.lives else 0  # also while nothing comes
+        newest = view.store.next if cursor is None else 0
+        drawn = (table.cursor_index, view.shown.count, newest, seconds)
         if asked == self._asked and (drawn == self._drawn or now_ns < self._draw_due_ns):
             return
         self._asked, self._drawn = asked, drawn

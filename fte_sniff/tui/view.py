@@ -248,4 +248,4 @@ class View:
         """The motors at the end of a span."""
         start = max(0, span.start - AROUND)
         rows = self.store.batch(start, span.end)
-        return motors_at(rows, self.store.runs(start, span.end))
+        return motors_at(rows, self.store.runs(start, span.end), span.now_ns)

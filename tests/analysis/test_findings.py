@@ -69,7 +69,7 @@ def test_a_line_that_is_damaged_all_the_time_is_a_finding(share: float, is_wrong
     what = Episode("damage", 0, 900, 3, share, feedback=True)
     found = find(recording(np.random.default_rng(7), 900, what))
     assert [one.cause for one in found] == [Cause.DAMAGE] * is_wrong
-    assert all("; there are no others to compare with; mostly " in one.text for one in found)
+    assert all("; throughout that time; mostly " in one.text for one in found)
 
 
 def test_a_second_offline_does_not_explain_answers_that_are_lost_all_the_time() -> None:

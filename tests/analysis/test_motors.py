@@ -53,6 +53,13 @@ def test_motor_in_order() -> None:
     assert (present.values["rpm"], present.t_ns) == (100, HEALTHY[-5].t_ns)
 
 
+def test_motor_from_which_nothing_comes_any_more_is_not_ok() -> None:
+    rows = rows_from(HEALTHY)
+    table = table_of([*HEALTHY])
+    later_ns = int(rows.t_ns.max()) + 11_000 * MS
+    assert {one.text for one in motors_at(table.with_facts, table.runs, later_ns)} == {"–"}
+
+
 @pytest.mark.parametrize(
     ("rows", "text"),
     [

@@ -91,6 +91,7 @@ def test_a_port_is_found_by_another_of_its_names(file: Path, tmp_path: Path) -> 
         ('[port."x"]\ngear-ratio = 0\n', "gear-ratio in [port.x]: 0.0 is not in the range x>0"),
         ('[port."x"]\ngear-ratio = nan\n', "gear-ratio in [port.x]: nan is not a number"),
         ("[live]\nnetwork = 3\n", "network in [live]: '3' is not a valid boolean"),
+        ("[live]\nreconnect = []\n", "reconnect in [live]: "),
         ("[live]\nzone = 8.5\n", "zone in [live]: '8.5' is not a time zone"),
         ("[colour]\n", "unknown name 'colour'; use one of screen, live, port"),
     ],

@@ -1,5 +1,7 @@
 """A recording of which no row can be read is an error; an empty capture is not."""
 
+import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
@@ -79,3 +81,21 @@ def test_two_recordings_in_one_file_are_reported(run, samples: Path, tmp_path: P
     rows = sum(len(run("decode", samples / one, "--format", "csv").stdout.split()) for one in names)
     assert len(done.stdout.split()) == rows - 1
     assert "they are behind the end of the recording" in done.stderr
+
+
+def test_port_events_are_no_rows(run: Run, samples: Path, tmp_path: Path) -> None:
+    content = bytearray((samples / "midstream.mcap").read_bytes())
+    content[3032] ^= 1  # in the chunk of all rows; that of the events is whole
+    (tmp_path / "x.mcap").write_bytes(content)
+    done = run("decode", "x.mcap")
+    assert done.returncode == 4, done.stderr
+    assert "x.mcap: no row in it could be read" in done.stderr
+
+
+def test_name_that_is_not_utf_8_is_shown_escaped(run: Run, samples: Path, tmp_path: Path) -> None:
+    name = tmp_path / os.fsdecode(b"m\xff.mcap")
+    name.write_bytes((samples / "clean.mcap").read_bytes())
+    done = run("stats", os.fspath(name), "--format", "json")
+    assert done.returncode == 0, done.stderr
+    (file,) = json.loads(done.stdout)["files"]
+    assert file["name"] == f"{tmp_path}/m\\udcff.mcap"
