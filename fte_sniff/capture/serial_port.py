@@ -190,6 +190,10 @@ def _descriptor_reader(descriptor: int) -> Read:
             data = os.read(descriptor, _MAX_READ)
         except BlockingIOError:
             return b""
+        except OSError:
+            data, ready = b"", poll.poll(0)  # it may have gone since
+            if not ready or not ready[0][1] & gone:
+                raise
         # A terminal without bytes is also readable if another program has just read them.
         if not data and (ready[0][1] & gone or not is_terminal):
             raise OSError(TranslatableText("the other end has hung up"))

@@ -295,8 +295,11 @@ def run_capture(
     if given.udp is not None:
         observers.append(Datagrams(local("--udp", given.udp, is_network), wanted))
     if given.serve is not None:
-        from fte_sniff.cli.foxglove_server import FoxgloveServer
-
+        try:
+            from fte_sniff.cli.foxglove_server import FoxgloveServer
+        except ImportError as error:
+            install = f"`{sys.executable} -m pip install websockets`"
+            raise UsageError(f"--serve needs websockets: {install}") from error
         address = local("--serve", given.serve, is_network)
         observers.append(FoxgloveServer(address, plan.wiring.names, given.origins))
     elif given.origins:

@@ -25,9 +25,10 @@ from fte_sniff.cli.options import (
     grouped_command,
     rows_format_option,
 )
-from fte_sniff.cli.streams import ending_signals, print_err
+from fte_sniff.cli.streams import ending_signals, interruptible, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
+from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.session.save import ExportSource, Write, exported, format_of, writing
@@ -123,7 +124,7 @@ def _opened(
     """
     if path is not None and path != STDIN:
         existing = Existing.REPLACE if force else Existing.REFUSE
-        with exported(path, form, source, existing) as write:
+        with interruptible(ENDING_SIGNALS), exported(path, form, source, existing) as write:
             yield write
     elif form in (*TEXT_FORMATS, OutputFormat.HEX):
         with writing(form, sys.stdout, source) as write:

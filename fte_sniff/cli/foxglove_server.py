@@ -8,7 +8,7 @@ the one before 2025 are equal in what is used here. A web page that the user vis
 any port of this machine, also by a name that leads there: the library checks the Origin that a
 browser sends, and `_refused` the Host.
 
-Importing this module raises UsageError if the package websockets is not installed.
+Importing this module raises ImportError if the package websockets is not installed.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ import os
 import re
 import socket
 import struct
-import sys
 from base64 import b64encode
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from threading import Thread
 from typing import Any, Final
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Origin, Subprotocol
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.cli.capture_loop import Observer, in_order
@@ -36,16 +40,6 @@ from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording import schema
 from fte_sniff.session.live_session import LiveSession
-
-try:
-    from websockets.asyncio.server import ServerConnection, broadcast, serve
-    from websockets.exceptions import ConnectionClosed
-    from websockets.http11 import Request, Response
-    from websockets.typing import Origin, Subprotocol
-except ImportError:
-    raise UsageError(
-        f"--serve needs websockets: `{sys.executable} -m pip install websockets`"
-    ) from None
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 FOXGLOVE_ORIGIN: Final = "https://app.foxglove.dev"

@@ -129,21 +129,19 @@ _REPEAT_S = 1.0
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Context in which the first signal that ends the program raises an exception.
+def interruptible(numbers: Sequence[signal.Signals] = (signal.SIGINT,)) -> Iterator[None]:
+    """Context in which the first of some signals raises KeyboardInterrupt, to remove partial files.
 
-    So partial files are removed: Ctrl-C raises KeyboardInterrupt, others SystemExit. A second one
-    ends the program at once and silently. A signal that has a handler, or is ignored, is left
-    alone.
+    Other signals than SIGINT then end the program as they do without this context. A second signal
+    ends it at once and silently. A signal that has a handler, or is ignored, is left alone.
     """
-    own = [one for one in ENDING_SIGNALS if signal.getsignal(one) is signal.SIG_DFL]
+    own = [one for one in numbers if signal.getsignal(one) is signal.SIG_DFL]
+    received = list[int]()
 
     def interrupt(number: int, _frame: object) -> None:
         signal.signal(number, signal.SIG_DFL)
-        if number == signal.SIGINT:
-            raise KeyboardInterrupt
-        abandon_stdout()
-        raise SystemExit(128 + number)
+        received.append(number)
+        raise KeyboardInterrupt
 
     for one in own:
         signal.signal(one, interrupt)
@@ -153,6 +151,8 @@ def interruptible() -> Iterator[None]:
         for one in own:
             if signal.getsignal(one) is interrupt:
                 signal.signal(one, signal.SIG_DFL)
+        if received and received[0] != signal.SIGINT:
+            os.kill(os.getpid(), received[0])
 
 
 @contextmanager

@@ -16,13 +16,6 @@ import pytest
 from mcap.reader import make_reader
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.cli.foxglove_server import (
-    FOXGLOVE_ORIGIN,
-    MOST_UNREAD,
-    SUBPROTOCOLS,
-    FoxgloveServer,
-    allows_host,
-)
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording.schema import EVENTS, TOPICS, message_class
@@ -33,6 +26,7 @@ from tests.support.columns import rows_from
 from tests.waiting import BOUND_S, while_waiting
 
 pytestmark = pytest.mark.program
+foxglove = pytest.importorskip("fte_sniff.cli.foxglove_server")
 sync_client = pytest.importorskip("websockets.sync.client")
 refusals = pytest.importorskip("websockets.exceptions")
 
@@ -45,7 +39,7 @@ class Viewer:
     """A client that subscribes to all channels."""
 
     def __init__(self, connection: Any) -> None:
-        assert connection.subprotocol in SUBPROTOCOLS
+        assert connection.subprotocol in foxglove.SUBPROTOCOLS
         self._connection = connection
         assert json.loads(connection.recv(BOUND_S))["op"] == "serverInfo"
         advertised = json.loads(connection.recv(BOUND_S))["channels"]
@@ -66,9 +60,9 @@ class Viewer:
 
 
 @pytest.fixture
-def server() -> Iterator[FoxgloveServer]:
+def server() -> Iterator[Any]:
     """A server of the port p; it is closed at the end."""
-    found = FoxgloveServer(("127.0.0.1", 0), ["p"])
+    found = foxglove.FoxgloveServer(("127.0.0.1", 0), ["p"])
     try:
         yield found
     finally:
@@ -77,7 +71,7 @@ def server() -> Iterator[FoxgloveServer]:
 
 def viewer_at(address: str, **options: Any) -> Any:
     return sync_client.connect(
-        address, subprotocols=SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options
+        address, subprotocols=foxglove.SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options
     )
 
 
@@ -124,8 +118,8 @@ def test_viewer_gets_the_rows_that_are_recorded(environment, tmp_path: Path) -> 
     assert times == sorted(times)
 
 
-@pytest.mark.parametrize("protocol", SUBPROTOCOLS)
-def test_viewer_gets_what_it_subscribed_to(server: FoxgloveServer, protocol: str) -> None:
+@pytest.mark.parametrize("protocol", foxglove.SUBPROTOCOLS)
+def test_viewer_gets_what_it_subscribed_to(server: Any, protocol: str) -> None:
     with sync_client.connect(
         server.url, subprotocols=[protocol], open_timeout=BOUND_S
     ) as connection:
@@ -149,9 +143,7 @@ def test_viewer_gets_what_it_subscribed_to(server: FoxgloveServer, protocol: str
     ],
     ids=lambda one: repr(one[:40]),
 )  # fmt: skip
-def test_message_that_is_not_understood_is_skipped(
-    server: FoxgloveServer, message: str | bytes
-) -> None:
+def test_message_that_is_not_understood_is_skipped(server: Any, message: str | bytes) -> None:
     with viewer_at(server.url) as connection:
         connection.send(message)
         viewer = Viewer(connection)
@@ -167,7 +159,7 @@ def frame(opcode: int, data: bytes) -> bytes:
 
 
 @pytest.fixture
-def deaf(server: FoxgloveServer) -> Iterator[socket.socket]:
+def deaf(server: Any) -> Iterator[socket.socket]:
     """A viewer that subscribes to all channels, and never reads again."""
     with socket.socket() as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -188,17 +180,17 @@ def deaf(server: FoxgloveServer) -> Iterator[socket.socket]:
 DROPPED = re.compile(r"the viewer 127\.0\.0\.1:\d+ did not read, and was disconnected\n")
 
 
-def test_viewer_that_does_not_read_is_dropped(server: FoxgloveServer, deaf, capsys) -> None:
+def test_viewer_that_does_not_read_is_dropped(server: Any, deaf, capsys) -> None:
     rows, sent = noise(10_000), 0
     while server.wanted:
         server.update(FeedUpdate(FeedState("p"), rows))
         sent += 10 * len(rows)
-        assert sent < 100 * MOST_UNREAD
+        assert sent < 100 * foxglove.MOST_UNREAD
     assert DROPPED.fullmatch(capsys.readouterr().err)
 
 
 def test_viewer_that_pings_and_does_not_read_is_dropped(
-    server: FoxgloveServer, deaf: socket.socket, capsys
+    server: Any, deaf: socket.socket, capsys
 ) -> None:
     pings = frame(9, bytes(125)) * 1000
     for _ in while_waiting(lambda: "the end of the connection"):
@@ -216,9 +208,15 @@ def test_viewer_that_pings_and_does_not_read_is_dropped(
 
 @pytest.mark.parametrize(
     "origin",
-    [FOXGLOVE_ORIGIN, "http://localhost:8080", "https://127.0.0.1", "http://[::1]:3000", "file://"],
+    [
+        foxglove.FOXGLOVE_ORIGIN,
+        "http://localhost:8080",
+        "https://127.0.0.1",
+        "http://[::1]:3000",
+        "file://",
+    ],
 )
-def test_page_of_foxglove_or_of_this_machine_may_read(server: FoxgloveServer, origin: str) -> None:
+def test_page_of_foxglove_or_of_this_machine_may_read(server: Any, origin: str) -> None:
     with viewer_at(server.url, origin=origin) as connection:
         Viewer(connection)
 
@@ -230,7 +228,7 @@ def test_page_of_foxglove_or_of_this_machine_may_read(server: FoxgloveServer, or
         "https://localhost.evil.example", "http://127.0.0.1.evil.example", "data://localhost",
     ],
 )  # fmt: skip
-def test_other_page_is_refused(server: FoxgloveServer, origin: str) -> None:
+def test_other_page_is_refused(server: Any, origin: str) -> None:
     with pytest.raises(refusals.InvalidStatus) as refused:
         viewer_at(server.url, origin=origin)
     assert refused.value.response.status_code == 403
@@ -289,7 +287,7 @@ def test_missing_package_is_named_with_its_command(environment, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8765", "localhost.evil.example"])
-def test_name_that_leads_to_this_machine_is_refused(server: FoxgloveServer, host: str) -> None:
+def test_name_that_leads_to_this_machine_is_refused(server: Any, host: str) -> None:
     with pytest.raises(refusals.InvalidStatus) as refused:
         viewer_at(server.url, additional_headers={"Host": host})
     assert refused.value.response.status_code == 403
@@ -308,4 +306,4 @@ def test_name_that_leads_to_this_machine_is_refused(server: FoxgloveServer, host
     ],
 )
 def test_host_is_an_address_or_the_bound_name(host: str, bound: str, allowed: bool) -> None:
-    assert allows_host(host, bound) == allowed
+    assert foxglove.allows_host(host, bound) == allowed

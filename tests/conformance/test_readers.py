@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from fte_sniff.analysis.feed import FeedState, FeedUpdate
-from fte_sniff.cli.foxglove_server import FoxgloveServer
 from fte_sniff.cli.repair import repaired
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.recording.metadata import PortFacts
@@ -26,6 +25,7 @@ from tests.support.recorded_rows import write_recording
 from tests.waiting import BOUND_S, wait_until
 
 pytestmark = pytest.mark.conformance
+foxglove_server = pytest.importorskip("fte_sniff.cli.foxglove_server")
 
 
 @pytest.mark.parametrize("reader", ["python", "typescript", "rust", "rerun"])
@@ -43,7 +43,7 @@ def test_client_of_the_open_viewers_receives_the_rows_that_are_served(node_progr
     """`@foxglove/ws-protocol`, with which Lichtblick connects."""
     rows = some_rows(1_000)
     events = [PortEvent(START - 5, rows[0].port, PortEventKind.OPENED, "115200 8N1 串口")]
-    server = FoxgloveServer(("127.0.0.1", 0), [rows[0].port])
+    server = foxglove_server.FoxgloveServer(("127.0.0.1", 0), [rows[0].port])
     watch = ("node", "watch.mjs", server.url)
     with running(watch, cwd=node_programs, stdout=subprocess.PIPE) as viewer:
         wait_until(lambda: len(server.wanted) == len(TOPICS) or viewer.poll() is not None)
