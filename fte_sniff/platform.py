@@ -86,11 +86,6 @@ def is_silent(stream: BinaryIO | None, seconds: float = 1.0) -> bool:
     return False
 
 
-def cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def sync_folder(folder: Path) -> None:
     """Push a new, changed or deleted name to the disk, where the file system can do that."""
     with suppress(OSError):

@@ -451,20 +451,20 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
 
 
 def _of_table(where: str, table: object) -> Rule:
-    match table:
-        case {"name": str(name), "expect": str(expect), **rest} if rest.keys() <= {
-            _ALLOWED
-        } and isinstance(allowed := rest.get(_ALLOWED, False), bool):
+    match {"may_be_uncovered": False, **table} if isinstance(table, dict) else table:
+        case {
+            "name": str(name),
+            "expect": str(expect),
+            "may_be_uncovered": bool(allowed),
+            **rest,
+        } if not rest:
             try:
                 return parse_rule(expect, name, may_be_uncovered=allowed)
             except InputTextError as error:
                 raise InputTextError(f"{where}: {error}") from error
     raise InputTextError(
-        f"{where}: needs a name and expect, which are texts; {_ALLOWED} = true may follow"
+        f"{where}: needs a name and expect, which are texts; may_be_uncovered = true may follow"
     )
-
-
-_ALLOWED: Final = "may_be_uncovered"
 
 
 # Verdicts

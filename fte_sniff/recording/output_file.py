@@ -145,7 +145,7 @@ class OutputFile:
 def created(path: Path, existing: Existing, mode: int = 0o666) -> Iterator[OutputFile]:
     """A new file, which gets its name at the end of the block, and stays open.
 
-    After an error, also an interruption, there is no file, and what it was to replace is kept.
+    If the block fails or is interrupted, no new file remains, and an existing one is kept.
     Raises FileError if the system refuses the file, or anything in the block.
     """
     file = OutputFile(path, existing, mode)

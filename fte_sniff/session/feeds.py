@@ -10,6 +10,7 @@ from __future__ import annotations
 import queue
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
@@ -35,7 +36,7 @@ MAX_ROWS_PER_POLL = 200_000
 """A poll returns at most about this many rows, so that a screen can draw in between."""
 
 
-class ItemFeed:
+class ItemFeed(ABC):
     """Feeds items that a thread reads to one view; subclasses have the state and what stops it."""
 
     def __init__(self, items: Iterable[Item]) -> None:
@@ -55,9 +56,9 @@ class ItemFeed:
         )
         self._thread.start()
 
+    @abstractmethod
     def state(self) -> FeedState:
         """The state of the source."""
-        raise NotImplementedError
 
     def poll(self) -> FeedUpdate:
         """What was read since the previous call; never blocks."""
