@@ -49,7 +49,6 @@ class Form(NamedTuple):
 
 
 _PAIR: Final = re.compile(r"(?:0[xX]|16#|&[hH])?([0-9A-Fa-f]{2})")
-_INT_2, _INT_16 = partial(int, base=2), partial(int, base=16)
 _NUMBERS: Final = re.compile(r"-?[0-9A-Fa-f]+(?!x)")
 
 
@@ -60,23 +59,20 @@ def _hex(run: str) -> bytes:
         return bytes.fromhex("".join(_PAIR.findall(run)))
 
 
-def _numbers(value_of: Callable[[str], int], run: str) -> bytes:
-    values = map(value_of, _NUMBERS.findall(run))
+def _numbers(base: int, run: str) -> bytes:
+    values = [int(number, base) for number in _NUMBERS.findall(run)]
     return bytes([value + 256 if -129 < value < 0 else value for value in values])
 
 
 def _octal(run: str) -> bytes:
+    """Bytes have three digits; words of two bytes have six."""
     tokens = run.split()
-    size = 2 if len(tokens[0]) > len("377") else 1
-    return b"".join(int(token, 8).to_bytes(size, "little") for token in tokens)
-
-
-_UNESCAPE: Final[Callable[[bytes], tuple[bytes, int]]] = codecs.escape_decode
+    return b"".join(int(token, 8).to_bytes(len(token) // 3, "little") for token in tokens)
 
 
 def _escaped(run: str) -> bytes:
     text = "".join(re.split(r"\"\"|''", run.removeprefix("b")[1:-1])).replace("\\u00", "\\x")
-    return _UNESCAPE(text.encode("latin-1"))[0]
+    return codecs.escape_decode(text.encode("latin-1"))[0]
 
 
 _END: Final = r"(?![0-9A-Za-z])"
@@ -101,10 +97,10 @@ FORMS: Final = tuple(
     for name, run, bytes_of in (
         ("hex pairs", _PAIRS, _hex),
         ("hex digits", rf"(?:0[xX]|\\x)?(?:{_GROUP}(?: {_GROUP})++|(?:[0-9A-Fa-f]{{2}})++)", _hex),
-        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, _INT_16)),
-        ("decimal", _DECIMALS, partial(_numbers, int)),
+        ("unpadded hex", rf"{_SHORT}(?:(,? |,){_SHORT})*+", partial(_numbers, 16)),
+        ("decimal", _DECIMALS, partial(_numbers, 10)),
         ("octal", rf"(?:{_OCTAL}(?: {_OCTAL})*+|{_OCTAL_WORD}(?: {_OCTAL_WORD})*+)", _octal),
-        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", partial(_numbers, _INT_2)),
+        ("binary", rf"[01]{{8}}{_END}(?: [01]{{8}}{_END})*+", partial(_numbers, 2)),
         ("quoted escapes", _STRINGS, _escaped),
         ("base64", rf"(?:(?:{_SIX}{{4}})++(?:{_PADDED})?|{_PADDED})", a2b_base64),
     )
