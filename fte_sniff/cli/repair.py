@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from fte_sniff.cli.input_files import FileName, output_options, print_notes, summary
-from fte_sniff.cli.streams import print_err
+from fte_sniff.cli.streams import interruptible, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import OutputFormat
+from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import Recording
 from fte_sniff.session.inputs import InputReading, recording_input
@@ -52,7 +53,8 @@ def repaired(recording: Recording, target: Path, existing: Existing) -> InputRea
     if recording.is_intact():
         return None
     reading = InputReading([recording_input(recording)])
-    with exported(target, OutputFormat.MCAP, reading.source(), existing) as write:
+    output = exported(target, OutputFormat.MCAP, reading.source(), existing)
+    with interruptible(ENDING_SIGNALS), output as write:
         for item in reading:
             write(item)
     return reading

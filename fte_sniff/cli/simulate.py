@@ -15,7 +15,7 @@ import click
 
 from fte_sniff.capture.serial_port import BAUD_RANGE
 from fte_sniff.capture.simulation import SimulationParameters
-from fte_sniff.cli.input_files import FileName
+from fte_sniff.cli.input_files import FileName, print_notes, row_filter
 from fte_sniff.cli.options import (
     Decorator,
     all_of,
@@ -97,17 +97,22 @@ def command(
 
 def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None:
     """Play the frames of one direction of a recording, with its timing."""
-    import polars as pl
+    import numpy as np
 
     from fte_sniff.capture.bridge import HostEnd
     from fte_sniff.capture.player import play
-    from fte_sniff.session.scan import scan
+    from fte_sniff.protocol.rows import Rows
+    from fte_sniff.recording.reader import Recording
+    from fte_sniff.session.inputs import InputReading, recording_input
 
-    frames = scan(path).filter(pl.col("direction") == direction).select("time", "raw").collect()
-    if frames.is_empty():
+    wanted = row_filter(f"direction = '{direction}'")
+    reading = InputReading([recording_input(Recording(path))], row_filter=wanted)
+    frames = Rows.concat([item for item in reading if isinstance(item, Rows)])
+    print_notes(reading)
+    if not len(frames):
         raise FileError("{path} has no {direction} frames", path=path, direction=direction)
-    seconds = (frames["time"] - frames["time"].min()).dt.total_nanoseconds().cum_max() / 1e9 / speed
-    timed = zip(seconds, map(bytes.fromhex, frames["raw"]), strict=True)
+    seconds = (np.maximum.accumulate(frames.t_ns) - frames.t_ns.min()) / 1e9 / speed
+    timed = zip(seconds.tolist(), (row.raw for row in frames), strict=True)
     stopped = Event()
     host = HostEnd(link)
     try:

@@ -127,3 +127,25 @@ def test_a_simulated_controller_prints_its_device_as_the_docs_show(environment, 
         lines = [stream.readline().decode() for stream in (process.stdout, process.stderr)]
         process.terminate()
     assert "".join(lines) == shown
+
+
+def test_damaged_recording_is_played_and_its_losses_are_named(
+    run, environment, samples: Path, tmp_path: Path
+) -> None:
+    content = bytearray((samples / "clean.mcap").read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (tmp_path / "cut.mcap").write_bytes(content)
+    told = run("decode", "cut.mcap", "-o", "x.raw", "--filter", "direction = 'feedback'").stderr
+    options = ("--replay", "cut.mcap", "--speed", "1000", "--link", "motors")
+    with started(environment, tmp_path, "simulate", *options) as process:
+        wait_until(lambda: (tmp_path / "motors").exists())
+        expected = (tmp_path / "x.raw").read_bytes()
+        with opened(tmp_path) as host:
+            assert host.read(len(expected)) == expected
+        code, _, errors = ended(process)
+    note, waits, played = errors.splitlines()
+    assert code == 0
+    assert note == told.splitlines()[0]
+    assert "cut.mcap: bytes " in note
+    assert waits.startswith(f"{len(expected) // 10:,} feedback frames wait")
+    assert played == f"played {len(expected):,} bytes"

@@ -13,7 +13,7 @@ import pytest
 
 from fte_sniff.cli.streams import NOT_BEGUN
 from tests.cli.conftest import ROOT, SAMPLES
-from tests.cli.processes import BOUND_S, PROGRAM, started
+from tests.cli.processes import BOUND_S, PROGRAM, ended, started, wait_until
 from tests.cli.terminals import terminal
 from tests.slow import crossed, first
 
@@ -224,6 +224,29 @@ def test_the_terminal_is_as_it_was(hooked: Hooked, tmp_path: Path, module: str, 
         assert screen.attributes == before
     assert b"Traceback" not in screen.drawn
     assert b"KeyboardInterrupt" not in screen.drawn
+
+
+@pytest.mark.parametrize(
+    ("command", "number"),
+    crossed(
+        ["repair cut.mcap", "decode cut.mcap -o rows.csv"],
+        [signal.SIGTERM, signal.SIGHUP, signal.SIGINT],
+    ),
+)
+def test_signal_leaves_no_part_of_an_output(
+    run, environment, tmp_path: Path, command: str, number: signal.Signals
+) -> None:
+    whole, cut = tmp_path / "whole.raw", tmp_path / "cut.mcap"
+    whole.write_bytes(bytes.fromhex(FRAME) * 200_000)
+    run("decode", whole, "-o", cut, "--start", "2026-01-31T12:00:00Z")
+    os.truncate(cut, cut.stat().st_size - 100)
+    whole.unlink()
+    with started(environment, tmp_path, *command.split()) as process:
+        wait_until(lambda: any(one.stat().st_size for one in tmp_path.glob(".fte-sniff-*.part")))
+        process.send_signal(number)
+        code, _, errors = ended(process)
+    assert (code, errors) == (130 if number == signal.SIGINT else -number, "")
+    assert list(tmp_path.iterdir()) == [cut]
 
 
 CHECK = "F check clean.mcap --expect 'count(malformed) >= 0'"
