@@ -27,12 +27,12 @@ import polars as pl
 from fte_sniff.analysis import compare, events
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.durations import Durations, binned, chosen
-from fte_sniff.analysis.filter.row_filter import RowFilter, nearest
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.findings import Cause, find, hidden_text
 from fte_sniff.analysis.relations import AnswerState, feedback_with
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, Table
-from fte_sniff.errors import InputTextError, TranslatableText, quoted
+from fte_sniff.errors import InputTextError, TranslatableText, listed, quoted
 from fte_sniff.i18n import later
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, iso_time
 from fte_sniff.protocol.rows import Bools, Ints
@@ -417,8 +417,7 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
         )
     measure, inner, symbol, number = match.groups()
     if measure not in MEASURES:
-        fix = nearest(measure, MEASURES)
-        raise InputTextError(f"{quoted(measure)} is not a measure; {fix}")
+        raise InputTextError(f"{quoted(measure)} is not a measure; use one of {listed(MEASURES)}")
     kind = MEASURES[measure]
     parts = re.fullmatch(rf"\s*{kind.argument}\s*", inner, re.DOTALL)
     value = float(int(number, 0)) if "x" in number.lower() else float(number)

@@ -650,8 +650,10 @@ def of_most_motors(
         motors = tuple(sorted({one.motor for one in group if first.motor}))
         if len(motors) >= len(MOTORS) - 1:
             rest = [one for one in rest if one not in group]
-            form = "motors {motors} alike: {text}"
-            text = TranslatableText(form, motors=listed(motors), text=first.text)
+            others = listed(one for one in motors if one != first.motor)
+            text = TranslatableText(
+                "{text}; likewise motors {others}", text=first.text, others=others
+            )
             first = replace(first, motor=None, text=text, **of_all(group))
         merged.append(first)
     return merged

@@ -43,7 +43,7 @@ from fte_sniff.cli.options import (
 )
 from fte_sniff.cli.settings import Settings
 from fte_sniff.cli.streams import STDOUT, abandon_stdout, print_err
-from fte_sniff.errors import UsageError, printable, quoted, size_text
+from fte_sniff.errors import UsageError, listed, printable, quoted, size_text
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
@@ -110,7 +110,7 @@ capture_options = all_of(
         click.option(
             "--keep-recording",
             is_flag=True,
-            help="Continue when the view is killed, its terminal closed, or nobody reads the rows.",
+            help="Continue without a view: killed, its terminal closed, or its rows not read.",
         ),
         click.option(
             "--rotate",
@@ -183,6 +183,13 @@ def _check_output(output: Path) -> None:
         )
 
 
+def _of_shown_rows(given: SimpleNamespace) -> list[str]:
+    """The options that have no effect where no rows are shown; `--udp` sends filtered rows."""
+    shown = {"--plain": given.plain, "--format": given.form, "--columns": given.columns}
+    shown |= {"--alert": given.alert, "--filter": given.udp is None and given.filter_text}
+    return [option for option, value in shown.items() if value]
+
+
 def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
     """The plan of a capture with these options.
 
@@ -193,6 +200,8 @@ def capture_plan(given: SimpleNamespace, wiring: Wiring) -> CapturePlan:
     output = given.output
     if given.no_record and (output is not None or given.keep_recording):
         raise UsageError("--no-record contradicts -o and --keep-recording; leave one of them out")
+    if given.headless and (unused := _of_shown_rows(given)):
+        raise UsageError("--headless shows no rows: leave out {options}", options=listed(unused))
     if output is not None:
         _check_output(output)
     found = RecordingOptions(

@@ -15,7 +15,13 @@ EXIT_WRONG = 1
 @click.command(name="doctor", short_help="What is wrong with this set-up, and how to fix it.")
 @click.argument("port", required=False, shell_complete=complete_port)
 @click.option(
-    "-b", "--baud", type=click.INT, default=DEFAULT_BAUD, show_default=True, help="Bits/s."
+    "-b",
+    "--baud",
+    type=click.INT,
+    default=DEFAULT_BAUD,
+    metavar="N",
+    show_default=True,
+    help="Bits/s.",
 )
 @click.option(
     "--duration",

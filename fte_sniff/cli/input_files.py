@@ -217,8 +217,10 @@ def _time(text: str, option: str, zone: tzinfo, bounds: Callable[[], Times] = la
     length = duration_ns(wanted[1:]) if sign in ("+", "-") else None
     if clock is None and length is None:
         found = time_ns(wanted, zone)
-        if found is None or not 0 <= found < _END_NS:
+        if found is None:
             raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
+        if not 0 <= found < _END_NS:
+            raise InputTextError(f"{option}: {shortened(text)} is out of range: 1970 to 2262")
         return found
     if (known := bounds()) is None:
         raise UsageError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -91,8 +92,10 @@ def command(
 
 
 def _check_port(port: str) -> None:
-    """Refuse a baud rate or a file in place of a port; raises UsageError."""
+    """Refuse a baud rate, a bare address or a file as a port; raises UsageError."""
     if port.isdecimal():
         raise UsageError(f"{port} is not a port; to set the bits per second, use --baud {port}")
+    if re.fullmatch(r"[\w.-]+:\d+", port):
+        raise UsageError(f"{port} is not a device; for a server in the network use socket://{port}")
     if os.path.isfile(port):  # noqa: PTH113 - False, and no error, where a folder is closed
         raise UsageError(f"{port} is a file, not a port; `fte-sniff view {port}` shows it")

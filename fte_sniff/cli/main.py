@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -24,7 +25,7 @@ from fte_sniff.cli.streams import (
     prepare_streams,
     print_err,
 )
-from fte_sniff.errors import FileError, FteSniffError, reason_of, unwritable
+from fte_sniff.errors import FileError, FteSniffError, reason_of, unreadable, unwritable
 
 PROGRAM = "fte-sniff"
 
@@ -61,6 +62,8 @@ class LazyGroup(click.Group):
             # os.path.exists is False, and raises no error, where a folder is closed.
             if os.path.exists(name):  # noqa: PTH110
                 return "view", self.get_command(ctx, "view"), args
+            if os.path.splitext(name)[1] or os.sep in name:  # noqa: PTH122
+                raise unreadable(name, FileNotFoundError())
             raise click.exceptions.NoSuchCommand(name, possibilities=COMMANDS, ctx=ctx)
         return super().resolve_command(ctx, args)
 
@@ -151,7 +154,7 @@ def _translated(error: FteSniffError) -> str:
 
 def _one_line(error: click.ClickException) -> str:
     message = " ".join(error.format_message().split())
-    message = message.replace("a valid integer range", "a whole number")  # click's name of a type
+    message = re.sub("a valid integer( range)?", "a whole number", message)
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else PROGRAM
     return f"{message.rstrip('.')}; see '{path} --help'"

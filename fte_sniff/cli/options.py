@@ -72,6 +72,8 @@ def _alert(text: str) -> Alert:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
 
     found = _SILENCE.fullmatch(text)
+    if found is None and text.strip().lower().startswith("silence"):
+        raise UsageError("--alert: {text} lacks the seconds; write silence > 5", text=quoted(text))
     return Alert(None, float(found[1])) if found else Alert(RowFilter.parse(text))
 
 

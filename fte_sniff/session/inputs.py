@@ -200,7 +200,7 @@ def chunk_input(
                 note(f"{name}: {text}")
         if is_guess and not frames:
             raise FileError(
-                f"{name}: has no text and no frame, so these are hardly the bytes of a wire;"
+                f"{name}: has no text and no frame, so these are probably not the bytes of a wire;"
                 " --input raw reads them as such"
             )
 

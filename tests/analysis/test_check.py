@@ -102,7 +102,7 @@ def test_rule(
         ("", "as in count(malformed) == 0"),
         ("count(malformed) = 0", "is not a rule"),
         ("delay(p95) < 20 ms", "without a unit"),
-        ("cuont(malformed) == 0", "did you mean count?"),
+        ("cuont(malformed) == 0", "use one of count, share"),
         ("count() == 0", "does not fit count; write count(malformed) == 0"),
         ("count(moter = 1) == 0", "did you mean motor?"),
         ("online(5) == 1", "write online(1) >= 0.99"),

@@ -112,7 +112,8 @@ def test_finding_that_comes_or_goes_is_named() -> None:
     assert [(one.kind, one.motor, one.before, one.after) for one in found] == [
         ("error_flag", None, 0, 1)
     ]
-    assert found[0].text.startswith("new: motors 1, 2, 3, 4 alike: ")
+    assert found[0].text.startswith("new: motor 1 reported ERROR 01 in ")
+    assert found[0].text.endswith("; likewise motors 2, 3, 4")
 
 
 @pytest.mark.parametrize(
@@ -179,4 +180,6 @@ def test_three_motors_that_change_alike_are_one_change() -> None:
     found = pair(4, change)
     delays = [one for one in found.changes if one.measure == "delay"]
     assert [one.motor for one in delays] == [None]
-    assert delays[0].text.startswith("motors 1, 2, 3, 4 alike: answers to speed ")
+    named, _, others = delays[0].text.partition("; likewise motors ")
+    assert named.startswith("answers to speed "), "its motor is named"
+    assert len(others.split(", ")) == 3 and not {named.split()[3]} & {*others.split(", ")}

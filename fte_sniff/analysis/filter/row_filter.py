@@ -402,7 +402,8 @@ class _Parser:
         if column is None or text is None:
             if left.is_condition != right.is_condition:
                 at = left.start if left.is_condition else right.start
-                raise self._mistake(at, "a condition is compared with a value")
+                fix = "write it alone, or compare a field, as in rpm > 3"
+                raise self._mistake(at, "a condition has no value to compare", fix)
             return own, right.expr
         match column.type:
             case ColumnType.TIME:
@@ -510,6 +511,7 @@ class _Parser:
                 return self._call(name, start)
             case "name" if name.upper() not in LEVELS:
                 fix = nearest(name, COLUMN_BY_NAME, (*COLUMN_OF_WORD, *FUNCTIONS))
+                fix = "write IS NULL or IS NOT NULL" if name == "null" else fix
                 raise self._mistake(start, f"unknown name '{printable(token.text)}'", fix)
         raise self._mistake(start, "here a field or a value is missing")
 
