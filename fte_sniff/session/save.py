@@ -294,8 +294,8 @@ def format_of(path: Path) -> OutputFormat:
     form = FORMAT_BY_SUFFIX.get(path.suffix.lower())
     if form is None:
         forms = " ".join(FORMAT_BY_SUFFIX)
-        form = "{path}: the extension selects the format; use one of {forms}"
-        raise UsageError(form, path=path, forms=forms)
+        text = "{path}: the extension selects the format; use one of {forms}"
+        raise UsageError(text, path=path, forms=forms)
     return form
 
 
