@@ -177,13 +177,11 @@ class KnownFile(NamedTuple):
         return cls(path, found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
 
     def delete(self) -> None:
-        """Delete the file; if the path leads to another one, or is a link, that stays.
-
-        Raises OSError if there is none, or it cannot be deleted.
-        """
-        if KnownFile.of(self.path, self.path.lstat()) == self:
-            self.path.unlink()
-            sync_folder(self.path.parent)
+        """Delete the file if that is possible; another file at its path, or a link, stays."""
+        with suppress(OSError):
+            if KnownFile.of(self.path, self.path.lstat()) == self:
+                self.path.unlink()
+                sync_folder(self.path.parent)
 
 
 class LostDataError(OSError):

@@ -6,12 +6,13 @@ A flush writes the rows that wait: once a second, when a view requests it, when 
 wait, and at the end. The flush of each second waits for the disk, too. Rows that were not flushed
 go into the next file.
 While no file can be made, the newest `MOST_WAITING` rows wait for the next file; older ones are
-counted as a gap. `keep_bytes` deletes the oldest files of the capture; each file reports the gaps
-of the files before it, too.
+counted as a gap. `keep_bytes` deletes the oldest files of the capture, also where the disk is full;
+each file reports the gaps of the files before it, too.
 """
 
 from __future__ import annotations
 
+import errno
 import shutil
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,6 +44,8 @@ MOST_WAITING: Final = 2**18
 DEFAULT_FREE_BYTES: Final = 1_000_000_000
 """Bytes to leave free on the disk, by default; at most half of what is free at the start."""
 
+_FULL: Final = (errno.ENOSPC, errno.EDQUOT, 0)
+"""The errors of a full disk; 0 is that of too little space."""
 _ROTATE_BYTES: Final = 512_000_000
 _FILES: Final = 8
 
@@ -98,8 +101,9 @@ class Recorder:
         Raises FileError if the file cannot be made, or the disk has too little space for it.
         """
         self._options = options or RecordingOptions()
-        self._ports, self._facts, self._existing = tuple(ports), dict(facts or {}), existing
-        self._base = path
+        self._ports, self._facts, self._base = tuple(ports), dict(facts or {}), path
+        self._existing = existing if existing is Existing.REPLACE else Existing.NUMBER
+        """What to do if a file after the first one exists."""
         self.files: list[Path] = []
         """All files, in order; the last one is written, unless the recorder `is_stopped`."""
         self._closed: list[KnownFile] = []
@@ -115,11 +119,8 @@ class Recorder:
         self._flush_ns = 0
         wanted = self._options.min_free_bytes
         self._min_free = min(DEFAULT_FREE_BYTES, self._free // 2) if wanted is None else wanted
-        self._writer: RecordingWriter | None = None
         first = self._name(1) if self._options.rotates else path
-        if (error := self._space_error) is not None:
-            raise unwritable(first, error)
-        self._writer = RecordingWriter(first, ports, self._facts_of(1), existing=existing)
+        self._writer: RecordingWriter | None = self._opened(first, existing)
         self.files.append(self._writer.path)
         if not self._options.rotates:
             self._base = self._writer.path
@@ -205,10 +206,9 @@ class Recorder:
             return
         if self._is_rotation_due(writer) and self._begin_next():
             self._put_away(writer)
-        while self._closed and self.size > (self._options.keep_bytes or inf):
-            # What another program replaced or moved is not deleted, and counts no more.
-            with suppress(OSError):
-                self._closed.pop(0).delete()
+        keep = self._options.keep_bytes
+        while self._closed and keep and (self.size > keep or self._space_error):
+            self._closed.pop(0).delete()
         if self._writer is not None and (error := self._space_error) is not None:
             self._fail(self._writer, self._writer.stopped_by(error))
 
@@ -230,37 +230,48 @@ class Recorder:
     def _name(self, number: int) -> Path:
         return self._base.with_stem(f"{self._base.stem}_{number:05}")
 
-    def _facts_of(self, part: int) -> dict[str, str]:
-        """The metadata of a file of the capture, by its number."""
+    def _opened(self, path: Path, existing: Existing) -> RecordingWriter:
+        """The next file of the capture; raises FileError if it cannot be made now."""
+        if (error := self._space_error) is not None:
+            raise unwritable(path, error)
+        part = len(self.files) + 1
         own = {"part": str(part)} if part > 1 or self._options.rotates else {}
-        return self._facts | own | ({"previous": self.path.name} if part > 1 else {})
+        own |= {"previous": self.path.name} if part > 1 else {}
+        return RecordingWriter(path, self._ports, self._facts | own, existing=existing)
 
     def _begin_next(self) -> bool:
-        """Go on in a new file that reports all gaps and begins with what waits.
+        """Go on in a new file; with `keep_bytes`, the oldest ones make room for it on a full disk.
 
         False if that fails: then no file is left, and the next attempt is made later.
         """
         self._due_s = time.monotonic() + RETRY_S
-        if self._space_error is not None:
-            return False
-        number = len(self.files) + 1
-        is_forced = self._existing is Existing.REPLACE
-        existing = Existing.REPLACE if is_forced else Existing.NUMBER
-        facts, writer = self._facts_of(number), None
+        while True:
+            try:
+                self._writer = self._next_writer()
+            except FileError as failure:
+                is_full = getattr(failure.__cause__, "errno", None) in _FULL
+                # The last one stays: it reports the gaps until there is another.
+                if not (is_full and self._options.keep_bytes and len(self._closed) > 1):
+                    return False
+                self._closed.pop(0).delete()
+            else:
+                self._due_s, self._waiting = -inf, []
+                self.files.append(self._writer.path)
+                return True
+
+    def _next_writer(self) -> RecordingWriter:
+        """A new file that reports all gaps and begins with what waits; raises FileError."""
+        writer = self._opened(self._name(len(self.files) + 1), self._existing)
         try:
-            writer = RecordingWriter(self._name(number), self._ports, facts, existing=existing)
             for gap in self._known_gaps:
                 writer.write_metadata(Metadata(GAP_NAME, gap_to_metadata(gap)))
             writer.write(*self._waiting)
             writer.flush()
         except FileError:
-            if writer is not None and writer.output.identity is not None:
-                with suppress(OSError):
-                    writer.output.identity.delete()
-            return False
-        self._due_s, self._waiting, self._writer = -inf, [], writer
-        self.files.append(writer.path)
-        return True
+            if writer.output.identity is not None:
+                writer.output.identity.delete()
+            raise
+        return writer
 
     def _is_rotation_due(self, writer: RecordingWriter) -> bool:
         if writer.span_ns is None or time.monotonic() < self._due_s:
@@ -284,10 +295,9 @@ class Recorder:
         self._put_away(writer)
         error = failure.__cause__
         assert isinstance(error, OSError)
-        gap = Gap(GapKind.WRITE_ERROR, 0, reason=reason_of(error))
-        if writer.is_gone and writer.span_ns is not None:
-            gap = Gap(gap.kind, writer.flushed_rows, *writer.span_ns, gap.reason)
-        self._gaps.append(gap)
+        rows, span = (writer.flushed_rows, writer.span_ns) if writer.is_gone else (0, None)
+        first_ns, last_ns = span or (None, None)
+        self._gaps.append(Gap(GapKind.WRITE_ERROR, rows, first_ns, last_ns, reason_of(error)))
         self._wait(writer.unflushed)
         if time.monotonic() >= self._due_s:
             self._begin_next()

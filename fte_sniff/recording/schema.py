@@ -59,10 +59,10 @@ class Topic:
     schema: str
     """Name of the schema, without the package."""
     kinds: tuple[FrameKind, ...] = ()
-    """The kinds of its frames; none for port events."""
+    """The kinds of its frames; none where other rows or port events are."""
 
 
-MALFORMED: Final = Topic("/fte/malformed", "Malformed", KINDS)
+MALFORMED: Final = Topic("/fte/malformed", "Malformed")
 """Every row that is not a frame, is of an unknown kind, or has a malformed fault."""
 
 EVENTS: Final = Topic("/fte/port", "PortEvent")
@@ -158,8 +158,6 @@ def _number(enum: str, value: str) -> int:
 
 def value_fields(topic: Topic) -> tuple[Field, ...]:
     """The frame fields that messages of this topic hold, each once; none for `MALFORMED`."""
-    if topic is MALFORMED:
-        return ()
     names = {field.name for kind in topic.kinds for field in kind.fields}
     return tuple(field for field in VALUE_FIELDS if field.name in names)
 
@@ -170,17 +168,13 @@ def _value_type(field: Field, topic: Topic) -> int:
     return _TYPE.TYPE_SFIXED32 if field.signed else _TYPE.TYPE_FIXED32
 
 
-def _fields(topic: Topic) -> Iterator[tuple[str, int | str]]:
+def _fields(topic: Topic) -> tuple[tuple[str, int | str], ...]:
     if topic is EVENTS:
-        yield from _EVENT_FIELDS
-        return
-    yield from _ROW_FIELDS
+        return _EVENT_FIELDS
     if topic is MALFORMED:
-        yield from _DAMAGE_FIELDS
-        return
-    yield "cmd", _TYPE.TYPE_FIXED32
-    for field in value_fields(topic):
-        yield field.name, _value_type(field, topic)
+        return (*_ROW_FIELDS, *_DAMAGE_FIELDS)
+    values = [(field.name, _value_type(field, topic)) for field in value_fields(topic)]
+    return (*_ROW_FIELDS, ("cmd", _TYPE.TYPE_FIXED32), *values)
 
 
 def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str) -> None:

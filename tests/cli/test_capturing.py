@@ -374,6 +374,25 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         yield folder
 
 
+def test_oldest_file_makes_room_on_a_full_disk_where_the_newest_are_kept(
+    environment, tmp_path: Path
+) -> None:
+    options = ("--max-size", "10MB", "--rotate", "30kB", "--min-free", "0")
+    with (
+        mounted(tmp_path / "small", "size=256k") as disk,
+        started(environment, disk, "live", SIM, "-o", "x.mcap", *options) as process,
+    ):
+        stderr_until(process, "recording stopped: the disk is full")
+        wait_until(lambda: len({*disk.glob("*.mcap")}) > 2 and not (disk / "x_00002.mcap").exists())
+        process.send_signal(signal.SIGINT)
+        code, _, errors = ended(process)
+        files = sorted(disk.glob("*.mcap"))
+        rows = [row for file in files for row in read_rows(file)]
+    assert (code, "not recorded" in errors) == (0, False), errors
+    assert rows[0].offset > 0
+    assert [row.offset for row in rows[1:]] == [row.offset + len(row.raw) for row in rows[:-1]]
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [((), "the disk has only "), (("--min-free", "0"), "the disk is full")],

@@ -162,6 +162,28 @@ def test_a_file_of_somebody_else_is_not_deleted(tmp_path: Path) -> None:
     assert Recording(tmp_path / "mine").is_whole
 
 
+def test_oldest_files_make_room_where_the_newest_are_kept(
+    tmp_path: Path, free_space: list[int]
+) -> None:
+    rows = some_rows(2000, BOTH)
+    options = RecordingOptions(keep_bytes=10**9, rotate_bytes=15_000, min_free_bytes=1000)
+    recorder = Recorder(tmp_path / "x.mcap", BOTH, options=options)
+    flush_each(recorder, rows[:1000])
+    assert len(files_in(tmp_path)) > 3
+    free_space.append(999)
+    flush_each(recorder, rows[1000:1040])
+    free_space.append(1000)
+    flush_each(recorder, rows[1040:])
+    recorder.close()
+    left = all_rows(tmp_path)
+    assert left == rows[-len(left) :]
+    assert len(left) >= 1000
+    assert (recorder.failure, [path for path in recorder.files if path.exists()]) == (
+        None,
+        files_in(tmp_path),
+    )
+
+
 @pytest.mark.usefixtures("nothing_waits")
 def test_a_gap_is_reported_before_the_file_that_reports_it_is_deleted(
     tmp_path: Path, free_space: list[int]
