@@ -123,7 +123,7 @@ def counted(table: Table) -> Counts:
     periods = own["period_ns"].fill_null(0).to_numpy()
     found = own.group_by(
         *("port", "kind", MOTOR),
-        window=pl.col("t_ns") // (1 << PERIODS) * (1 << PERIODS - events.SHIFT),
+        window=pl.col("t_ns") // (1 << PERIODS),
         bin=pl.Series(np.where(periods > 0, bins_of(periods, COARSE), _NO_PERIOD), dtype=pl.Int64),
     ).agg(pl.len().cast(pl.Int64).alias("sum count"))
     return {

@@ -216,12 +216,13 @@ class Painter:
             faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
             runs.append((faults, self.palette.statuses[row.status]))
             left -= len(faults)
-        kind = row.kind
-        for text, field in value_parts(kind, row.raw, left) if kind else ():
-            text = text[:left]
-            runs += [(text, self._value_style(field.name, row)), (" "[: left - len(text)], PLAIN)]
-            left = max(0, left - len(text) - 1)
-        return [*runs, (" " * left, PLAIN)]
+        parts = value_parts(row.kind, row.raw, left) if row.kind else ()
+        text = fit(" ".join(one for one, _field in parts), left)
+        for one, field in parts:
+            end = len(one)
+            runs += [(text[:end], self._value_style(field.name, row)), (text[end : end + 1], PLAIN)]
+            text = text[end + 1 :]
+        return [*runs, (text, PLAIN)]
 
     def _bytes(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
         row, width, palette = cell.row, column.width, self.palette

@@ -57,6 +57,17 @@ def test_what_a_program_does_not_read_in_time_is_counted(host: HostEnd) -> None:
     assert len(read) == written
 
 
+def test_device_stays_until_a_slow_program_has_read_all(host: HostEnd) -> None:
+    results, stopped = list[tuple[int, int]](), threading.Event()
+    with serial.Serial(host.name, timeout=BOUND_S) as program:
+        playing = Work(lambda: results.append(play(host, [(0.0, b"x" * 100)], stopped.is_set)))
+        playing.join(1.0)
+        assert playing.is_alive()
+        assert program.read(100) == b"x" * 100
+        playing.ended()
+    assert results == [(100, 0)]
+
+
 def test_what_the_program_writes_does_not_hold_it_up(host: HostEnd) -> None:
     results, stopped = list[tuple[int, int]](), threading.Event()
     timed = [(number / 100, b"x") for number in range(30)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import random
 from dataclasses import replace
 
@@ -266,6 +267,23 @@ def test_the_least_window_has_the_mode(feed: ListFeed) -> None:
         assert lines(app)[0].endswith(" SCROLLED +2")
 
     play(feed, scenario, (20, 5))
+
+
+def test_lines_fill_the_window_and_show_what_is_cut(feed: ListFeed) -> None:
+    feed.give([frame("speed", 0, motor=1, rpm=30001)])
+    feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.LOST, "unplugged"))
+
+    async def scenario(app: SniffApp) -> None:
+        for width in range(20, 80, 3):
+            await resize(app, width, 12)
+            while app.table.size.width != width:
+                await asyncio.sleep(0)
+            await settle(app)
+            event, row = (one for one in lines(app) if one[:2] in ("= ", "  ") and "00:00" in one)
+            assert row.endswith(("speed", "30001", "EE", "…")), row
+            assert len(event) == width - 1 or event.endswith("unplugged"), event
+
+    play(feed, scenario)
 
 
 def test_random_sizes_leave_the_cursor_in_the_window(feed: ListFeed) -> None:
