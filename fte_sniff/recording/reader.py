@@ -437,7 +437,7 @@ def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
         data = read_at(descriptor, one.end - one.start, one.start)
         try:
             records = unpack(memoryview(data)[HEAD.size : one.stop - one.start])
-            indexes = data[one.stop - one.start :]
+            indexes = memoryview(data)[one.stop - one.start :]
             found.append(_indexed(indexes, records) or _walked(records))
         except DamagedError as error:
             found.append(LostBytes(one.start, one.stop, error.args[0]))
@@ -448,7 +448,7 @@ _INDEX_HEAD: Final = HEAD.size + 6
 _ENTRY: Final = 16
 
 
-def _indexed(indexes: bytes, records: bytes) -> Messages | None:
+def _indexed(indexes: memoryview, records: bytes) -> Messages | None:
     """The messages in a chunk's index records; None if they do not tile its records."""
     places, at = [np.empty(0, "<u8")], 0
     while at + _INDEX_HEAD <= len(indexes):
@@ -461,9 +461,9 @@ def _indexed(indexes: bytes, records: bytes) -> Messages | None:
         return None
     found = Messages.at(starts, records)
     is_message = np.frombuffer(records, np.uint8)[starts] == Opcode.MESSAGE
-    fits = is_message & (found.lengths >= 0)
-    fits &= starts + MESSAGE_HEAD + found.lengths == np.append(starts[1:], len(records))
-    return found if fits.all() else None
+    stops = starts + found.lengths + MESSAGE_HEAD
+    tiles = stops[-1] == len(records) and (stops[:-1] == starts[1:]).all()
+    return found if tiles and is_message.all() and found.lengths.min() >= 0 else None
 
 
 def _walked(records: bytes) -> Messages:

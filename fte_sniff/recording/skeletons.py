@@ -1,8 +1,9 @@
 """Messages to columns and back.
 
-Two messages have the same skeleton if they differ in the values of fixed-size numbers and in the
-row's own bytes only. One message of each skeleton is parsed, or encoded, by protobuf; its wire
-format shows where the numbers are. Numpy reads and writes all others as one table:
+Two messages have the same skeleton if they differ in the values of fixed-size numbers, in the row's
+own bytes, and in the enums that those imply only. One message of each skeleton is parsed, or
+encoded, by protobuf; its wire format shows where the numbers are. Numpy reads and writes all others
+as one table:
 
     09 ........ 11 ........ 1a 0a .......... 20 01 38 02 45 .... 4d ....     of a speed command
        offset      delay          raw         the rest is the skeleton
@@ -13,7 +14,7 @@ schema is read in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -60,6 +61,8 @@ _WORD: Final = 8
 _SIZES: Final = {1: 8, 5: 4}
 """Bytes of a number by its wire type."""
 _DELIMITED: Final = 2
+_DERIVED: Final = ("status", "kind")
+"""The enums that the bytes and the faults imply; they may differ within a skeleton."""
 _NUMBERS: Final = {"time_ns": "t_ns", "offset": "offset", "read_delay_ns": "delay_ns"}
 """The columns of the numbers that are not in the bytes."""
 
@@ -119,13 +122,17 @@ class _Skeleton:
     def __init__(self, kind: MessageType, data: bytes) -> None:
         """Take one of the messages; raises DecodeError, AttributeError, or what `int` raises."""
         message = kind.parse(data)
-        self.faults = fault_bits(map(Fault, kind.members(message, "faults")))
         self.framed = getattr(message, "framed", True)
-        self.unordered = getattr(message, "order_uncertain", False)
         self.fields, mask = fields_in(data, kind.names)
         _, self.size = self.fields["raw"]
         if not self.size or (self.framed and self.size != FRAME_LENGTH):
             raise ValueError("a row without bytes, or a frame of another length")
+        self.shared = {
+            "length": min(self.size, MOST_BYTES),
+            "faults": fault_bits(map(Fault, kind.members(message, "faults"))),
+            "framed": self.framed,
+            "unordered": getattr(message, "order_uncertain", False),
+        }
         self.padding = -len(data) % _WORD
         self._mask = np.frombuffer(bytes(self.padding) + mask, "<u8")
         self._expected = np.frombuffer(bytes(self.padding) + data, "<u8") & self._mask
@@ -140,51 +147,36 @@ class _Skeleton:
         fits: Bools = differing == 0
         return fits
 
-    def store(
-        self,
-        windows: Array,
-        fits: Bools,
-        rows: Array,
-        columns: Rows,
-        more: list[tuple[Array, Rows]],
-    ) -> Array:
-        """Fill in the columns of `rows`, the messages that fit; returns the rows that are valid.
+    def store(self, windows: Array, own: Array, columns: Rows) -> list[Rows]:
+        """Fill in the columns of the rows `own` from their messages, behind their padding.
 
-        What a message does not have, and most have alike, stays as it is. `more` gets the rows
-        beyond the 16th byte, with the indices of their messages.
+        What a message does not have, and most have alike, stays as it is. Returns the rows of each
+        16 bytes beyond the first 16.
         """
-        valid: Bools = np.ones(len(rows), np.bool_)
         for name, column in _NUMBERS.items():
-            if self.fields.get(name, (0, 0))[1] == _WORD:
-                place = self.padding + self.fields[name][0]
-                values = column_at(windows, "<i8", place)[fits]
-                columns.columns[column][rows] = values
-                if column != "delay_ns":
-                    valid &= values >= 0
-        length = min(self.size, MOST_BYTES)
-        shared = {
-            "length": length,
-            "faults": self.faults,
-            "framed": self.framed,
-            "unordered": self.unordered,
-        }
-        for column, value in shared.items():
+            place, size = self.fields.get(name, (0, 0))
+            if size == _WORD:
+                values = column_at(windows, "<i8", self.padding + place)
+                columns.columns[column][own] = values
+        for column, value in self.shared.items():
             if value != COLUMNS[column][1]:
-                columns.columns[column][rows] = value
-        values = column_at(windows, f"V{self.size}", self.padding + self.fields["raw"][0])[fits]
-        raw = values.view(np.uint8).reshape(-1, self.size)
-        column_at(columns.raw, f"V{length}", 0)[rows] = column_at(raw, f"V{length}", 0)
-        if self.framed:
-            valid &= IS_HEADER[raw[:, 0]] & (raw[:, FRAME_LENGTH - 1] == TAIL)
-        good = rows[valid]
+                columns.columns[column][own] = value
+        self._store_raw(windows, 0, own, columns)
+        more = []
         for first in range(MOST_BYTES, self.size, MOST_BYTES):
-            rest, part = columns.select(good), raw[valid, first : first + MOST_BYTES]
+            rest = columns.select(own)
             rest.offset[:] += first
-            rest.length[:] = part.shape[1]
+            rest.length[:] = min(self.size - first, MOST_BYTES)
             rest.raw[:] = 0
-            rest.raw[:, : part.shape[1]] = part
-            more.append((good, rest))
-        return good
+            self._store_raw(windows, first, slice(None), rest)
+            more.append(rest)
+        return more
+
+    def _store_raw(self, windows: Array, first: int, own: Array | slice, columns: Rows) -> None:
+        """Fill in `raw` with up to 16 bytes from the number `first` on."""
+        kind = f"V{min(self.size - first, MOST_BYTES)}"
+        place = self.padding + self.fields["raw"][0] + first
+        column_at(columns.raw, kind, 0)[own] = column_at(windows, kind, place)
 
 
 def column_at(table: Array, kind: str, place: int) -> Array:
@@ -193,7 +185,7 @@ def column_at(table: Array, kind: str, place: int) -> Array:
 
 
 def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[int, int]], bytes]:
-    """The offset and size of a message's numbers and bytes, and a mask of all other bytes.
+    """The offset and size of a message's numbers and bytes, and a mask of what else is compared.
 
     Raises IndexError if the message is cut.
     """
@@ -202,7 +194,10 @@ def fields_in(data: bytes, names: Mapping[int, str]) -> tuple[dict[str, tuple[in
         tag, at = _varint(data, at)
         name, wire = names.get(tag >> 3, ""), tag & 7
         if wire == 0:
+            first = at
             _, at = _varint(data, at)
+            if name in _DERIVED and at == first + 1:
+                mask[first] = 0x80
             continue
         size = _SIZES.get(wire, 0)
         if wire == _DELIMITED:
@@ -251,32 +246,34 @@ class MessageDecoder:
         """
         kinds = list(dict.fromkeys(kind for kind, _ in channels.values()))
         ports = tuple(dict.fromkeys(port for _, port in channels.values()))
-        kind_codes, port_codes = np.zeros((2, 1 << 16), np.uint16)
+        key_of, port_of = np.zeros((2, 1 << 16), np.int64)
         for id_, (kind, port) in channels.items():
-            kind_codes[id_], port_codes[id_] = kinds.index(kind) + 1, ports.index(port)
-        codes = kind_codes.take(messages.channels).astype(np.int64)
-        legible = (messages.lengths < LONGEST) & (messages.log_times >= 0) & (codes > 0)
-        keys = (codes * LONGEST + messages.lengths) * legible
+            key_of[id_], port_of[id_] = (kinds.index(kind) + 1) * LONGEST, ports.index(port)
+        keys = key_of.take(messages.channels)
+        ours = int(np.count_nonzero(keys))
+        keys += messages.lengths
+        keys *= (messages.lengths < LONGEST) & (messages.log_times >= 0)
         if len(kinds) < (1 << 16) // LONGEST:
             keys = keys.astype(np.uint16)  # which numpy sorts in one pass
-        port_of = port_codes.take(messages.channels)
-        columns = Rows.blank(len(keys), ports, t_ns=messages.log_times, port=port_of)
+        port_codes = port_of.take(messages.channels)
+        columns = Rows.blank(len(keys), ports, t_ns=messages.log_times, port=port_codes)
         kept = np.zeros(len(keys), np.bool_)
         more: list[tuple[Array, Rows]] = []
         events: dict[int, PortEvent] = {}
         for own in groups_of(keys):
-            code, length = divmod(int(keys[own[0]]), LONGEST)
-            if not length:
-                continue
-            kind = kinds[code - 1]
-            if kind.is_event:
-                events |= _events(messages, own, kind, columns)
-            else:
-                kept[self._decode_alike(messages, own, kind, columns, more)] = True
+            code = int(keys[own[0]]) // LONGEST
+            if code and kinds[code - 1].is_event:
+                events |= _events(messages, own, kinds[code - 1], columns)
+            elif code:
+                for read, rests in self._decode_alike(messages, own, kinds[code - 1], columns):
+                    kept[read] = True
+                    more += [(read, rest) for rest in rests]
+        kept &= _is_valid(columns)
         places = np.flatnonzero(kept)
         rows = columns if len(places) == len(columns) else columns.select(places)
-        unreadable = int(np.count_nonzero(codes)) - len(places) - len(events)
+        unreadable = ours - len(places) - len(events)
         if more:
+            more = [(own[kept[own]], rest.select(kept[own])) for own, rest in more]
             places = np.concatenate([places, *(own for own, _ in more)])
             order = np.argsort(places, kind="stable")
             places = places[order]
@@ -284,20 +281,18 @@ class MessageDecoder:
         return Decoded(rows, places, events, unreadable)
 
     def _decode_alike(
-        self,
-        messages: Messages,
-        own: Array,
-        kind: MessageType,
-        columns: Rows,
-        more: list[tuple[Array, Rows]],
-    ) -> Array:
-        """Decode messages of one type and length; returns the rows that could be read."""
+        self, messages: Messages, own: Array, kind: MessageType, columns: Rows
+    ) -> Iterator[tuple[Array, list[Rows]]]:
+        """Decode messages of one type and length.
+
+        Yields the rows of each skeleton, and those of their bytes beyond the first 16.
+        """
         length = int(messages.lengths[own[0]])
         known = self._skeletons.setdefault((kind, length), [])
         padding = -length % _WORD
         every = at_every_byte(messages.records, length + padding)
         windows = every[messages.starts[own] + (MESSAGE_HEAD - padding)]
-        good, number = [own[:0]], 0
+        number = 0
         while len(own) and number < _MOST_SKELETONS:
             if number == len(known):
                 try:
@@ -305,12 +300,21 @@ class MessageDecoder:
                 except (DecodeError, AttributeError, KeyError, ValueError, IndexError):
                     windows, own = windows[1:], own[1:]
                     continue
-            skeleton, number = known[number], number + 1
-            fits = skeleton.fitting(windows)
+            fits = known[number].fitting(windows)
+            if fits.all():
+                yield own, known[number].store(windows, own, columns)
+                return
             if fits.any():
-                good.append(skeleton.store(windows, fits, own[fits], columns, more))
+                yield own[fits], known[number].store(windows[fits], own[fits], columns)
                 windows, own = windows[~fits], own[~fits]
-        return np.concatenate(good)
+            number += 1
+
+
+def _is_valid(rows: Rows) -> Bools:
+    """Which rows have a time and an offset that can be, and as frames a header and a tail."""
+    is_frame = IS_HEADER.take(rows.raw[:, 0]) & (rows.raw[:, FRAME_LENGTH - 1] == TAIL)
+    found: Bools = (rows.t_ns >= 0) & (rows.offset >= 0) & (is_frame | ~rows.framed)
+    return found
 
 
 def at_every_byte(records: bytes | Codes, size: int) -> Array:
