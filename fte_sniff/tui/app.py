@@ -135,13 +135,9 @@ class SniffApp(App[None]):
         self.findings, self.motors, self.streams = FindingsPage(), MotorsPage(), StreamsPage()
         pages: tuple[Page, ...] = (DetailPage(), self.motors, self.streams, self.findings)
         self._pages = {page.NAME: page for page in pages}
-        parts = Parts(options, view, self.table, self.line, self.status, self._look_at)
-        self.filters, self.notes, self.search = (
-            Filters(parts),
-            NotesControl(parts),
-            Searching(parts),
-        )
-        self.export = Export(parts)
+        parts = Parts(options, view, self.table, self.line, self.status)
+        self.filters, self.notes = Filters(parts), NotesControl(parts)
+        self.search, self.export = Searching(parts), Export(parts)
         self.goto, self.find, self.columns = Goto(parts), Find(parts), Columns(parts)
 
     def compose(self) -> ComposeResult:
@@ -265,15 +261,19 @@ class SniffApp(App[None]):
         if self._part is self.strip:
             self.filters.add(f"motor = {self.strip.chosen}")
         elif page is self.findings and self.findings.chosen is not None:
-            finding = self.findings.chosen
+            self.filters.show(self.findings.chosen, page)
             self._show(None)
-            self.filters.show(finding)
         elif page is self.streams and self.streams.chosen is not None:
-            condition = self.streams.chosen.condition
+            self.filters.add(self.streams.chosen.condition, page)
             self._show(None)
-            self.filters.add(condition)
         elif self.table.viewport.count:
             self.do_switch(DetailPage.NAME)
+
+    def do_back(self) -> None:
+        """Return to what was shown before, with the list that led from there."""
+        left = self.filters.before()
+        if left is not None:
+            self._show(left)
 
     def do_switch(self, name: str) -> None:
         """Show a page in place of any other, or close it where it is shown."""
@@ -282,12 +282,11 @@ class SniffApp(App[None]):
 
     def _show(self, page: Page | None) -> None:
         """Show a page; one that explains a row stops following the end."""
-        before = self.pane.page
-        if before is self.findings and page is not self.findings and before is not page:
-            self.view.finding = None
         self.pane.show(page)
         if page is not None and page.EXPLAINS_ROW:
             self.table.stop_following()
+        if page is None:
+            self.filters.look_away()
         if page is None and self._part is self.pane:
             self.table.focus()
         self._asked = ()
@@ -410,10 +409,6 @@ class SniffApp(App[None]):
         self.line.close()
         self.pane.show(None)
         self.do_leave()
-
-    def _look_at(self, finding: Finding | None) -> None:
-        self.view.finding = finding
-        self._asked = ()
 
     @property
     def _output(self) -> Any:
@@ -576,9 +571,7 @@ class SniffApp(App[None]):
         """Draw the lines, the motors and the page, as far as they have changed."""
         if not self.is_running or len(self.screen_stack) < 1:
             return
-        page = self.pane.page
-        if page is self.findings and not self.view.lives:
-            self.view.finding = self.findings.chosen
+        self._look_at_finding()
         viewport, state = self.table.viewport, self.view.state
         mode = mode_of(state, at_end=viewport.following)
         if state.recording is not None and state.running and self._recording_since_ns is None:
@@ -592,6 +585,15 @@ class SniffApp(App[None]):
         if available != self._available:
             self._available = available
             self.refresh_bindings()
+
+    def _look_at_finding(self) -> None:
+        """Look at the chosen finding, its first row under the cursor, or at that of the rows."""
+        chosen = self.findings.chosen
+        if self.pane.page is self.findings and not self.view.lives and chosen is not None:
+            self.filters.finding = chosen
+            if chosen != self.view.finding:
+                self.table.stay_at(self.view.store.index_at(chosen.first_ns))
+        self.view.finding = self.filters.finding
 
     def _numbers(self) -> list[Text]:
         """The numbers of the status line, the most important first."""
@@ -721,10 +723,7 @@ class SniffApp(App[None]):
         )
 
 
-def run_screen(
-    feed: Feed,
-    options: StartOptions = DEFAULTS,
-) -> int:
+def run_screen(feed: Feed, options: StartOptions = DEFAULTS) -> int:
     """Show the feed until the user quits or a signal comes, then stop the feed.
 
     `on_exit` is called with the counts over all rows. Returns 0, or another number where the screen

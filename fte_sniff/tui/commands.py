@@ -93,9 +93,7 @@ MOVE: Final = (
 FIND: Final = (
     Command("f", "filters.ask", "filter the rows: motor = 1 AND rpm > 500", "Filter"),
     Command("F", "filters.accept('')", "show all rows again", "All", Needs.FILTER),
-    Command(
-        "backspace", "filters.before", "return to what was shown before", "Back", Needs.EARLIER
-    ),
+    Command("backspace", "app.back", "return to what was shown before", "Back", Needs.EARLIER),
     _rows("x", "filters.only", "show only rows that are like this one in a column"),
     _rows("X", "filters.without", "hide rows that are like this one in a column"),
     Command("slash", "search.ask", "find bytes (hex:AA ?? 03), a word, or a filter", "Search"),

@@ -42,6 +42,9 @@ DASH: Final = 4
 BESIDE: Final = 2
 """Columns beside a value that decide, by their median, whether it is an outlier."""
 
+NEAR: Final = 0.25
+"""How far outside the usual values a value is no outlier, as a share of their range."""
+
 ABOVE: Final = "▲"
 BELOW: Final = "▼"
 
@@ -140,7 +143,9 @@ def _scale(curves: Iterable[Envelope]) -> tuple[float, float, float, float]:
         return 1.0, 0.0, 0.0, 0.0
     usual = np.concatenate([_smooth(one) for one in values])
     usual = usual if len(usual) else known
-    return float(usual.min()), float(usual.max()), float(known.min()), float(known.max())
+    near = NEAR * (usual.max() - usual.min())
+    scaled = known[(known >= usual.min() - near) & (known <= usual.max() + near)]
+    return float(scaled.min()), float(scaled.max()), float(known.min()), float(known.max())
 
 
 def _smooth(values: Floats) -> Floats:

@@ -15,6 +15,7 @@ from fte_sniff.tui.parts import Parts
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.findings import Finding
+    from fte_sniff.tui.pages import Page
 
 
 def parse_filter(line: str) -> RowFilter:
@@ -34,8 +35,11 @@ class Filters:
         self.current = wanted.text if wanted else ""
         self.saved = dict(parts.options.choices.filters)
         """Filters by their names."""
-        self.earlier: list[tuple[str, int, Finding | None]] = []
-        """What was shown before, the latest last: filter, cursor's row and finding."""
+        self.finding: Finding | None = None
+        """That whose span is looked at: it is chosen, or its rows are shown."""
+        self.earlier: list[tuple[str, int, Finding | None, Page | None]] = []
+        """What was shown before, the latest last: filter, cursor's row, finding, and the list that
+        led from there."""
 
     @property
     def text(self) -> str:
@@ -66,36 +70,45 @@ class Filters:
 
         self._parts.line.ask(Question(later("save the filter as"), "stalled", str, save))
 
-    def accept(self, line: str) -> None:
-        """Apply a valid filter, and remember the current one; an empty one shows all rows."""
+    def accept(self, line: str, left: Page | None = None) -> None:
+        """Apply a valid filter, and remember the current one; an empty one shows all rows.
+
+        `left` is the list that led to the filter.
+        """
         if line != self.current:
-            self.earlier.append((self.current, self._table.last_index, self._view.finding))
-        self._parts.look_at(None)
+            self._remember(left)
         self._apply(line)
 
-    def show(self, finding: Finding) -> None:
+    def show(self, finding: Finding, left: Page) -> None:
         """Show the rows of a finding, the first under the cursor; its span is looked at."""
-        self.earlier.append((self.current, self._table.last_index, self._view.finding))
-        self._parts.look_at(finding)
-        self._apply(finding.filter)
+        self._remember(left)
+        self._apply(finding.filter, finding)
         self._table.stay_at(self._view.store.index_at(finding.first_ns))
         self._parts.status.inform(_("{text}; backspace returns", text=finding.text))
 
-    def before(self) -> None:
-        """Return to what was shown before."""
-        line, index, finding = self.earlier.pop()
-        self._parts.look_at(finding)
-        self._apply(line)
+    def before(self) -> Page | None:
+        """Return to what was shown before; returns the list that led from there, if one did."""
+        line, index, finding, left = self.earlier.pop()
+        self._apply(line, finding)
         self._table.stay_at(index)
+        return left
 
-    def _apply(self, line: str) -> None:
-        self.current = line
+    def look_away(self) -> None:
+        """Look no longer at a finding, unless its rows are shown."""
+        if self.finding is not None and self.finding.filter != self.current:
+            self.finding = None
+
+    def _remember(self, left: Page | None) -> None:
+        self.earlier.append((self.current, self._table.last_index, self.finding, left))
+
+    def _apply(self, line: str, finding: Finding | None = None) -> None:
+        self.current, self.finding = line, finding
         self._view.set_filter(parse_filter(line) if line else None)
         self._table.sync()
 
-    def add(self, condition: str) -> None:
+    def add(self, condition: str, left: Page | None = None) -> None:
         """Show only rows that pass the filter in effect and another one."""
-        self.accept(both(self.current, condition))
+        self.accept(both(self.current, condition), left)
 
     def only(self) -> None:
         """Ask for the column in which rows are like this one."""

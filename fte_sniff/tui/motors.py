@@ -14,11 +14,7 @@ from rich.text import Text
 from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.analysis.plots import envelope, motor_values
 from fte_sniff.analysis.relations import AnswerState, answers, with_late
-from fte_sniff.formats.cell_text import (
-    clock_text,
-    fit_right,
-    short_number,
-)
+from fte_sniff.formats.cell_text import clock_text, fit_right, short_number
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _
 from fte_sniff.protocol.rows import Ints, Rows
@@ -121,10 +117,11 @@ class MotorsPage(Page):
         return f"{title}   {_('1-4: one motor   z Z: time')}"
 
     def _plotted_ns(self, context: Context) -> int:
-        finding = context.view.finding
+        """The window; as many times longer for a finding as it needs to be in the middle."""
+        finding, usual = context.view.finding, WINDOWS_NS[DEFAULT_WINDOW]
         if finding is not None:
-            return 2 * max(finding.last_ns - finding.first_ns, WINDOWS_NS[DEFAULT_WINDOW])
-        return WINDOWS_NS[self._window]
+            usual = 2 * max(finding.last_ns - finding.first_ns, usual)
+        return usual * WINDOWS_NS[self._window] // WINDOWS_NS[DEFAULT_WINDOW]
 
     def text(self, context: Context) -> Text:
         """The cards of the motors."""

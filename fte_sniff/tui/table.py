@@ -26,21 +26,8 @@ from fte_sniff.formats.cell_text import fit
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import NO_TIME, Row, Rows
 from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
-from fte_sniff.tui.cells import (
-    TableColumn,
-    TableView,
-    TimeStyle,
-    landmark_text,
-    layout_for,
-)
-from fte_sniff.tui.painter import (
-    DARK,
-    LIGHT,
-    Painter,
-    Palette,
-    RowCell,
-    Sign,
-)
+from fte_sniff.tui.cells import TableColumn, TableView, TimeStyle, landmark_text, layout_for
+from fte_sniff.tui.painter import DARK, LIGHT, Painter, Palette, RowCell, Sign
 from fte_sniff.tui.view import View
 from fte_sniff.tui.viewport import Viewport
 

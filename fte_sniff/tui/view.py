@@ -105,7 +105,7 @@ class View:
         self.shown = Shown(self.store)
         self.pulses_per_turn, self.alert = pulses_per_turn, alert
         self.filter: RowFilter | None = None
-        self.state, self.tally = FeedState(""), Tally()
+        self.state, self.tally = FeedState("", live=False), Tally()
         self.finding: Finding | None = None
         """The finding whose span is looked at; None for the time before the cursor, or now."""
         self.first_ns: int | None = None
@@ -177,14 +177,16 @@ class View:
         return not self.state.running and not self.shown.pending
 
     def frames_per_s(self, clock_ns: int) -> float | None:
-        """In the last two seconds of a capture, on average over a file; None without times."""
+        """In the last two seconds of a capture, or in its last `MOST_WINDOW` rows where these are
+        fewer seconds; on average over a file; None without times."""
         now_ns, frames, duration_ns = self.now_ns(clock_ns), self.tally.frames, 0
         if now_ns is not None and self.first_ns is not None:
             duration_ns = now_ns - self.first_ns
         if self.lives and now_ns is not None and duration_ns > RATE_NS:
             rows = self.store.batch(self.store.next - MOST_WINDOW, self.store.next)
-            frames = int(np.count_nonzero(rows.framed & (rows.t_ns > now_ns - RATE_NS)))
-            duration_ns = RATE_NS
+            start_ns = max(now_ns - RATE_NS, int(rows.t_ns[0]))
+            frames = int(np.count_nonzero(rows.framed & (rows.t_ns > start_ns)))
+            duration_ns = now_ns - start_ns
         return frames * 1e9 / duration_ns if duration_ns > 0 else None
 
     def set_filter(self, row_filter: RowFilter | None) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.view import View
 from tests.tui.conftest import (
     NOON_NS,
     PORT,
@@ -191,6 +192,16 @@ def test_an_event_is_placed_by_its_time_among_all_rows(feed: ListFeed) -> None:
         assert "12:00:00.100  /dev/ttyUSB0 lost" in page(app)
 
     play(feed, scenario)
+
+
+def test_rate_of_frames_is_right_where_two_seconds_have_more_rows_than_are_counted(
+    feed: ListFeed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fte_sniff.tui.view.MOST_WINDOW", 500)
+    view = View(feed, None, None)
+    feed.give(speed_rows(3000))
+    view.poll(0)
+    assert view.frames_per_s(0) == pytest.approx(1000)
 
 
 def test_missing_rows_are_a_line(feed: ListFeed) -> None:
