@@ -19,7 +19,7 @@ import tty
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import serial
 
@@ -37,9 +37,6 @@ from fte_sniff.capture.source import HOST, Connection, Item
 from fte_sniff.errors import FileError, TranslatableText, printable
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import byte_time_ns
-
-if TYPE_CHECKING:
-    pass
 
 DRIVER_BUFFER_BYTES: Final = 4096
 """Approximate size of a driver's write buffer: no byte is stamped later than a full one drains."""

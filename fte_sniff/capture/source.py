@@ -70,7 +70,7 @@ CAPACITY: Final = 32 * 2**20
 _ITEM_COST: Final = 256
 """Approximate memory of one waiting item besides its bytes."""
 
-RETRY_S: Final = 0.5
+RECONNECT_S: Final = 0.5
 """Seconds before each attempt to connect again."""
 _REPORTED_REFUSAL: Final = 2
 """The refused attempt that is reported; at the first, udev may just not be finished."""
@@ -265,7 +265,7 @@ class Source:
         """
         lost_ns, refusals = self._clock.now_ns(), 0
         while not self._is_due():
-            time.sleep(RETRY_S)
+            time.sleep(RECONNECT_S)
             try:
                 again = connect()
             except RefusedError as error:

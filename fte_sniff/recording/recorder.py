@@ -106,6 +106,8 @@ class Recorder:
         """What to do if a file after the first one exists."""
         self.files: list[Path] = []
         """All files, in order; the last one is written, unless the recorder `is_stopped`."""
+        self.is_stopped = False
+        """Whether no file can be made, so that rows wait; the last file stays locked meanwhile."""
         self._closed: list[KnownFile] = []
         """The files that are complete; the oldest may be deleted."""
         self._gaps: list[Gap] = []
@@ -120,7 +122,7 @@ class Recorder:
         wanted = self._options.min_free_bytes
         self._min_free = min(DEFAULT_FREE_BYTES, self._free // 2) if wanted is None else wanted
         first = self._name(1) if self._options.rotates else path
-        self._writer: RecordingWriter | None = self._opened(first, existing)
+        self._writer = self._opened(first, existing)
         self.files.append(self._writer.path)
         if not self._options.rotates:
             self._base = self._writer.path
@@ -131,11 +133,6 @@ class Recorder:
     def path(self) -> Path:
         """The current file, or the last one."""
         return self.files[-1]
-
-    @property
-    def is_stopped(self) -> bool:
-        """Whether no file can be made, so that rows wait."""
-        return self._writer is None
 
     @property
     def failure(self) -> FileError | None:
@@ -158,20 +155,19 @@ class Recorder:
     @property
     def unflushed_rows(self) -> int:
         """Rows that wait for the next flush, or the next file."""
-        return row_count(self._waiting if self._writer is None else self._writer.unflushed)
+        return row_count(self._waiting if self.is_stopped else self._writer.unflushed)
 
     @property
     def size(self) -> int:
         """Bytes in all files."""
-        closed = sum(file.size for file in tuple(self._closed))
-        return closed + (0 if self._writer is None else self._writer.size)
+        return self._writer.size + sum(file.size for file in tuple(self._closed))
 
     # What is recorded
 
     def write(self, *entries: Entry) -> None:
         """Record rows, each port's in the order of its stream, and port events."""
         for entry in portions(entries):
-            if self._writer is None:
+            if self.is_stopped:
                 self._wait([entry])
                 continue
             self._writer.write(entry)
@@ -194,34 +190,32 @@ class Recorder:
 
     def flush(self, *, waits: bool = True) -> None:
         """Push all rows into the file, and onto the disk; begin another file if that is due."""
-        writer = self._writer
-        if writer is None:
+        if self.is_stopped:
             if time.monotonic() >= self._due_s:
                 self._begin_next()
             return
         try:
-            writer.flush(waits=waits)
+            self._writer.flush(waits=waits)
         except FileError as failure:
-            self._fail(writer, failure)
+            self._fail(failure)
             return
-        if self._is_rotation_due(writer) and self._begin_next():
-            self._put_away(writer)
+        if self._is_rotation_due(self._writer):
+            self._begin_next()
         keep = self._options.keep_bytes
         while self._closed and keep and (self.size > keep or self._space_error):
             self._closed.pop(0).delete()
-        if self._writer is not None and (error := self._space_error) is not None:
-            self._fail(self._writer, self._writer.stopped_by(error))
+        if (error := self._space_error) is not None:
+            self._fail(self._writer.stopped_by(error))
 
     def close(self) -> None:
         """Flush, and close the file. Closing again does nothing."""
-        if self._writer is None and self._waiting:
+        if self.is_stopped and self._waiting:
             self._begin_next()
         for _ in range(2):  # another file may take what the first one refuses
-            if (writer := self._writer) is not None:
-                try:
-                    writer.close()
-                except FileError as failure:
-                    self._fail(writer, failure)
+            try:
+                self._writer.close()
+            except FileError as failure:
+                self._fail(failure)
         self._miss(self._waiting)
         self._waiting = []
 
@@ -247,16 +241,18 @@ class Recorder:
         self._due_s = time.monotonic() + RETRY_S
         while True:
             try:
-                self._writer = self._next_writer()
+                writer = self._next_writer()
             except FileError as failure:
                 is_full = getattr(failure.__cause__, "errno", None) in _FULL
-                # The last one stays: it reports the gaps until there is another.
-                if not (is_full and self._options.keep_bytes and len(self._closed) > 1):
+                # The last file, which stays, reports the gaps until there is another.
+                if not (is_full and self._options.keep_bytes and self._closed):
                     return False
                 self._closed.pop(0).delete()
             else:
-                self._due_s, self._waiting = -inf, []
-                self.files.append(self._writer.path)
+                self._put_away(self._writer)
+                self._writer, self._waiting = writer, []
+                self._due_s, self.is_stopped = -inf, False
+                self.files.append(writer.path)
                 return True
 
     def _next_writer(self) -> RecordingWriter:
@@ -268,6 +264,7 @@ class Recorder:
             writer.write(*self._waiting)
             writer.flush()
         except FileError:
+            writer.output.close()
             if writer.output.identity is not None:
                 writer.output.identity.delete()
             raise
@@ -289,11 +286,10 @@ class Recorder:
 
     # Errors and gaps
 
-    def _fail(self, writer: RecordingWriter, failure: FileError) -> None:
-        """Report that a file cannot be written any more, and try to go on with the next one."""
-        self._writer, self.trouble = None, failure
-        self._put_away(writer)
-        error = failure.__cause__
+    def _fail(self, failure: FileError) -> None:
+        """Report that the file cannot be written any more, and try to go on with the next one."""
+        self.is_stopped, self.trouble = True, failure
+        writer, error = self._writer, failure.__cause__
         assert isinstance(error, OSError)
         rows, span = (writer.flushed_rows, writer.span_ns) if writer.is_gone else (0, None)
         first_ns, last_ns = span or (None, None)

@@ -353,7 +353,8 @@ def _keys_of(rows: Rows, log_times: Ints) -> Ints:
 class RecordingWriter:
     """Writes a recording while it is captured; rows reach the file with `flush`.
 
-    When a write fails, the file has what was flushed before.
+    When a write fails, the file has what was flushed before. It stays locked until `close`, so that
+    those who follow it wait for what its capture does next.
     """
 
     def __init__(
@@ -377,6 +378,8 @@ class RecordingWriter:
         """
         self.is_gone = False
         """Whether the file was deleted, moved, replaced or cut off."""
+        self._is_final = False
+        """Whether nothing more is written: after an error, or the summary."""
         self.unflushed: list[Entry] = []
         self.flushed_rows = 0
         """Rows in the file."""
@@ -402,7 +405,7 @@ class RecordingWriter:
         self._append(self._encoder.metadata(record, self._file.end))
 
     def flush(self, *, waits: bool = True) -> None:
-        """Write a chunk of all that is pending; raises FileError, and the file is closed then.
+        """Write a chunk of all that is pending; after a FileError, only `close`.
 
         With `waits`, the disk has it then, and all that came before.
         """
@@ -416,16 +419,17 @@ class RecordingWriter:
             self._append(b"")
 
     def close(self) -> None:
-        """Flush, write the summary, and close; raises FileError, and the file is closed then.
+        """Flush, write the summary, and close; after an error, or again, only close.
 
-        Closing again does nothing.
+        Raises FileError, and the file is closed then.
         """
-        if self.output.identity is None:
-            try:
+        try:
+            if not self._is_final:
                 self.flush()
                 self._append(b"", self._encoder.summary(self._file.end))
-            finally:
-                self.output.close()
+        finally:
+            self._is_final = True
+            self.output.close()
 
     def stopped_by(self, error: OSError) -> FileError:
         """The error, with its cause, of a recording that the system does not let go on."""
@@ -439,8 +443,7 @@ class RecordingWriter:
         try:
             self._file.append(data, tail or self._encoder.tail, waits=waits)
         except OSError as error:
-            self.is_gone = isinstance(error, LostDataError)
-            self.output.close()
+            self._is_final, self.is_gone = True, isinstance(error, LostDataError)
             raise self.stopped_by(error) from error
 
     def __enter__(self) -> Self:

@@ -2,7 +2,8 @@
 
     is it over? ── grow ── items of the new chunks ── wait, and again ── next file, or the end
 
-The file is polled. Following ends when no writer holds its lock.
+The file is polled. Following ends when no writer holds its lock; one whose disk is full holds that
+of its last file until it can begin the next one.
 """
 
 from __future__ import annotations
@@ -15,14 +16,13 @@ from fte_sniff.errors import FileError, TranslatableText
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_ROWS, Item
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
-from fte_sniff.recording.recorder import RETRY_S
 from fte_sniff.session.inputs import Input, Note, beginning_of, note_losses, recording_input
 
 POLL_S: Final = 0.1
 """Interval at which a file is polled by commands that only follow."""
 
-RELEASE_S: Final = 3 * RETRY_S
-"""How long the next file is waited for: a writer whose disk is full tries again meanwhile."""
+RELEASE_S: Final = 1.0
+"""How long the next file is waited for: a writer whose last write fails begins one then."""
 
 
 def grown(
@@ -118,7 +118,7 @@ class Follower:
             self._open_ports.discard(event.port)
 
     def _next(self) -> Recording | None:
-        """The next file; a writer with open ports may begin one soon, as after a disk error."""
+        """The next file; a writer with open ports may begin one soon, as after an error."""
         until_s = time.monotonic() + (RELEASE_S if self._open_ports else 0)
         while not self.stopped:
             if (path := self.reader.find_next()) is not None:

@@ -101,7 +101,7 @@ def test_lost_connection_is_found_again_and_time_goes_on(line: Line) -> None:
 
 
 def test_refusal_is_reported_once_and_tried_again(line: Line, monkeypatch) -> None:
-    monkeypatch.setattr(module, "RETRY_S", 0.01)
+    monkeypatch.setattr(module, "RECONNECT_S", 0.01)
     line.reads += [b"x", OSError("gone")]
     source = source_of(line, reconnect=True)
     line.refusals = [PortError("away"), *(module.RefusedError("busy") for _ in range(5))]

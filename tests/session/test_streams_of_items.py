@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -192,6 +193,33 @@ def test_a_gap_that_several_files_of_a_capture_report_is_one(
     follower = Follower(Recording(files[0], is_growing=True))
     found = until_rows(follower.items(None, lambda _note: None), 50)
     assert [item for item in found if isinstance(item, Gap)] == [gap]
+
+
+def test_follower_waits_for_a_capture_whose_disk_stays_full(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fte_sniff.recording.recorder.RETRY_S", 0.0)
+    monkeypatch.setattr("fte_sniff.session.following.RELEASE_S", 0.0)
+    recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")])
+    follower = Follower(Recording(recorder.path, is_growing=True))
+    items, rows = follower.items(None, lambda _note: None), rows_at("a", SECOND, 2 * SECOND)
+    recorder.write(rows[:1])
+    with monkeypatch.context() as full:
+        full.setattr("os.open", refused)
+        full.setattr("fte_sniff.recording.writer.write_at", refused)
+        recorder.flush()
+        recorder.flush()
+    assert recorder.is_stopped
+    assert [len(next(items)) for _ in range(20)] == [0] * 20
+    recorder.flush()
+    assert each(until_rows(items, 1)) == list(rows[:1])
+    recorder.write(rows[1:])
+    recorder.close()
+    assert each(items) == list(rows[1:])
+
+
+def refused(*_given: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_an_error_of_the_disk_between_flushes_stops_the_file(
