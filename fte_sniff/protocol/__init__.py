@@ -7,6 +7,7 @@ Modules:
     framer      Framer: chunks in, rows out; times and silence.
     islands     Frames in step and the gaps between them.
     gap         How gaps are divided into frames, damage and noise.
+    candidates  Spans that may have been one frame, and their scores.
     rows        Rows: the one container, as numpy columns; a row.
     items       Chunks, port events, gaps.
     spec        The frame table: kinds, fields, faults, constants; encodes a frame.

@@ -19,7 +19,8 @@ from typing import Final
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from fte_sniff.protocol.gap import LEGAL, DecidedSegments
+from fte_sniff.protocol.candidates import LEGAL
+from fte_sniff.protocol.gap import DecidedSegments
 from fte_sniff.protocol.islands import CORE, MARGIN, State, Wall, ranges, segments
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import (

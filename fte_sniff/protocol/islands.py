@@ -24,7 +24,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from fte_sniff.protocol.gap import LEGAL, LONGEST, DecidedSegments, Gaps, divide
+from fte_sniff.protocol.candidates import LEGAL, LONGEST
+from fte_sniff.protocol.gap import DecidedSegments, Gaps, divide
 from fte_sniff.protocol.rows import NO_KIND, Bools, Codes, Ints, kind_of
 from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL
 

@@ -13,8 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.protocol import gap as module
-from fte_sniff.protocol.gap import INTACT, LONGEST, Gaps, divide
+from fte_sniff.protocol import candidates as module
+from fte_sniff.protocol.candidates import INTACT, LONGEST
+from fte_sniff.protocol.gap import Gaps, divide
 from fte_sniff.protocol.islands import is_start, strict_frames
 from fte_sniff.protocol.spec import (
     FRAME_LENGTH,
