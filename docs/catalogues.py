@@ -28,7 +28,7 @@ from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.protocol.columns import COLUMNS
 from fte_sniff.protocol.items import PortEventKind
-from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, Role, Status
+from fte_sniff.protocol.spec import KINDS, Fault, Role, Status
 from fte_sniff.recording.output_file import STOPPED
 from fte_sniff.tui.cells import TimeStyle, event_words
 from fte_sniff.tui.commands import COMMANDS, SECTIONS
@@ -51,7 +51,7 @@ def table_texts() -> Iterator[str]:
         yield kind.meaning
         for field in kind.fields:
             yield from (field.meaning, field.erratum)
-    yield from FAULT_MEANINGS.values()
+    yield from (fault.meaning for fault in Fault)
     yield from (column.meaning for column in COLUMNS)
     yield from (meaning for _, meaning in EXAMPLES)
     yield from Mode

@@ -24,15 +24,16 @@ from mcap.reader import make_reader
 import fte_sniff
 from fte_sniff.analysis.filter.terms import FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
+from fte_sniff.errors import ExplainedWord
 from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol.columns import COLUMNS
 from fte_sniff.protocol.spec import (
-    FAULT_MEANINGS,
     FRAME_LENGTH,
     HEADERS,
     KINDS,
     TAIL,
     Direction,
+    Fault,
     Field,
     FrameKind,
     status_of,
@@ -108,10 +109,7 @@ def faults_table() -> str:
     """The faults, with the status that each of them gives a row."""
     return table(
         ("fault", "status", "meaning"),
-        (
-            (f"`{fault}`", f"`{status_of((fault,))}`", text)
-            for fault, text in FAULT_MEANINGS.items()
-        ),
+        ((f"`{fault}`", f"`{status_of((fault,))}`", fault.meaning) for fault in Fault),
     )
 
 
@@ -321,13 +319,19 @@ def _parameter(one: griffe.Parameter) -> str:
     return f"{one.name}: {one.annotation}{default}"
 
 
+def _described(
+    item: griffe.Object | griffe.Alias, one: griffe.Object | griffe.Alias
+) -> tuple[str, str]:
+    """The type or value of an attribute, and its meaning; some words have their own."""
+    word = getattr(getattr(fte_sniff, item.name), one.name, None)
+    if isinstance(word, ExplainedWord):
+        return f"`{word.value!r}`", word.meaning
+    return f"`{one.annotation or one.value}`", _first(one)
+
+
 def _members(item: griffe.Object | griffe.Alias) -> str:
     public = [one for one in item.members.values() if not one.name.startswith("_")]
-    values = [
-        (f"`{one.name}`", f"`{one.annotation or one.value}`", _first(one))
-        for one in public
-        if one.is_attribute
-    ]
+    values = [(f"`{one.name}`", *_described(item, one)) for one in public if one.is_attribute]
     methods = [one for one in public if one.is_function]
     text = "\n" + table(("attribute", "type or value", "meaning"), values) if values else ""
     for one in methods:

@@ -21,7 +21,7 @@ from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from functools import partial, reduce
 from types import MappingProxyType
-from typing import ClassVar
+from typing import ClassVar, Self
 
 
 class TranslatableText(str):
@@ -48,6 +48,18 @@ class TranslatableText(str):
 
 def _unpickled(form: str, values: dict[str, object]) -> TranslatableText:
     return TranslatableText(form, **values)
+
+
+class ExplainedWord(StrEnum):
+    """Words, each with a meaning for the help: `NAME = word, meaning`."""
+
+    meaning: str
+
+    def __new__(cls, word: str, meaning: str = "") -> Self:
+        """Create the word; its value is the word alone."""
+        member = str.__new__(cls, word)
+        member._value_, member.meaning = word, meaning
+        return member
 
 
 class Joint(StrEnum):

@@ -7,9 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
-from typing import Final, Self, TypeVar
+from typing import Final, TypeVar
 
 from fte_sniff.errors import FteSniffError, TranslatableText, printable
 
@@ -86,18 +85,6 @@ def _(text: str, /, **values: object) -> str:
 def error_text(error: FteSniffError) -> str:
     """The translated message of an error, on one line."""
     return printable(_(error.message))
-
-
-class ExplainedWord(StrEnum):
-    """Words of the screen, each with a meaning for the help: `NAME = word, meaning`."""
-
-    meaning: str
-
-    def __new__(cls, word: str, meaning: str) -> Self:
-        """Create the word; its value is the word alone."""
-        member = str.__new__(cls, word)
-        member._value_, member.meaning = word, meaning
-        return member
 
 
 def later(text: str) -> str:

@@ -105,8 +105,8 @@ def wireshark_dissector() -> str:
         "STATUS_SUSPECT": str(Status.SUSPECT),
         "STATUS_MALFORMED": str(Status.MALFORMED),
         "FAULTS": [
-            {"name": str(fault), "meaning": meaning, "suspect": fault in spec.SUSPECT_FAULTS}
-            for fault, meaning in spec.FAULT_MEANINGS.items()
+            {"name": fault.value, "meaning": fault.meaning, "suspect": fault in spec.SUSPECT_FAULTS}
+            for fault in Fault
         ],
         "FIELDS": [_widest(field) for field in spec.VALUE_FIELDS],
         "KINDS": _kinds(),

@@ -17,7 +17,6 @@ from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import (
     CMD_OFFSET,
     DIRECTION_OF_HEADER,
-    FAULT_MEANINGS,
     FRAME_LENGTH,
     HEADER_BYTES,
     KIND_BY_HEADER_AND_CMD,
@@ -95,7 +94,7 @@ def explain(row: Row) -> list[str]:
     """One sentence for each fault of the row; empty if it has none."""
     form = "{fault}: {meaning}"
     return [
-        TranslatableText(form, fault=one.value, meaning=TranslatableText(FAULT_MEANINGS[one]))
+        TranslatableText(form, fault=one.value, meaning=TranslatableText(one.meaning))
         for one in row.faults
     ]
 

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from fte_sniff.errors import TranslatableText, ValueRangeError
+from fte_sniff.errors import ExplainedWord, TranslatableText, ValueRangeError
 
 FRAME_LENGTH = 10
 TAIL = 0xEE
@@ -51,38 +51,25 @@ class Status(StrEnum):
     MALFORMED = "malformed"
 
 
-class Fault(StrEnum):
+class Fault(ExplainedWord):
     """What is wrong with a row."""
 
-    UNKNOWN_CMD = "unknown_cmd"
-    BAD_MOTOR = "bad_motor"
-    BAD_HEADER = "bad_header"
-    BAD_TAIL = "bad_tail"
-    TRUNCATED = "truncated"
-    OVERLONG = "overlong"
-    NOISE = "noise"
-    RESERVED_NONZERO = "reserved_nonzero"
-    UNDEFINED_FLAGS = "undefined_flags"
-    AMBIGUOUS = "ambiguous"
-    LINE_ERROR = "line_error"
+    UNKNOWN_CMD = "unknown_cmd", "framed, but the protocol has no such CMD for this header"
+    BAD_MOTOR = "bad_motor", "framed, but NUM is not 1-4 where a motor is named"
+    BAD_HEADER = "bad_header", "ten bytes like a frame, the header wrong"
+    BAD_TAIL = "bad_tail", "ten bytes like a frame, the tail wrong"
+    TRUNCATED = "truncated", "starts like a frame, bytes are missing"
+    OVERLONG = "overlong", "starts and ends like a frame, bytes too many"
+    NOISE = "noise", "bytes that belong to no frame, or are the rest of one without its start"
+    RESERVED_NONZERO = (
+        "reserved_nonzero",
+        "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in the"
+        " protocol)",
+    )
+    UNDEFINED_FLAGS = "undefined_flags", "ONLINE has one of its bits 4-7 set"
+    AMBIGUOUS = "ambiguous", "another reading of these bytes cannot be ruled out"
+    LINE_ERROR = "line_error", "the UART reported an error around these bytes"
 
-
-FAULT_MEANINGS: Mapping[Fault, str] = {
-    Fault.UNKNOWN_CMD: "framed, but the protocol has no such CMD for this header",
-    Fault.BAD_MOTOR: "framed, but NUM is not 1-4 where a motor is named",
-    Fault.BAD_HEADER: "ten bytes like a frame, the header wrong",
-    Fault.BAD_TAIL: "ten bytes like a frame, the tail wrong",
-    Fault.TRUNCATED: "starts like a frame, bytes are missing",
-    Fault.OVERLONG: "starts and ends like a frame, bytes too many",
-    Fault.NOISE: "bytes that belong to no frame, or are the rest of one without its start",
-    Fault.RESERVED_NONZERO: (
-        "the reserve is not 00, unlike on the rest of this line (in speed feedback: unlike in"
-        " the protocol)"
-    ),
-    Fault.UNDEFINED_FLAGS: "ONLINE has one of its bits 4-7 set",
-    Fault.AMBIGUOUS: "another reading of these bytes cannot be ruled out",
-    Fault.LINE_ERROR: "the UART reported an error around these bytes",
-}
 
 SUSPECT_FAULTS = frozenset(
     {Fault.RESERVED_NONZERO, Fault.UNDEFINED_FLAGS, Fault.AMBIGUOUS, Fault.LINE_ERROR}

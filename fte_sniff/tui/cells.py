@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 
 from rich.cells import cell_len
 
-from fte_sniff.errors import printable
+from fte_sniff.errors import ExplainedWord, printable
 from fte_sniff.formats import cell_text
 from fte_sniff.formats.cell_text import (
     ELLIPSIS,
@@ -20,7 +20,7 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
-from fte_sniff.i18n import ExplainedWord, _, later
+from fte_sniff.i18n import _, later
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, ColumnType, Value, spaced_hex
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Row

@@ -20,7 +20,7 @@ from fte_sniff.errors import listed
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol.columns import COLUMNS
-from fte_sniff.protocol.spec import FAULT_MEANINGS, MOTORS, online_bit_text, status_of
+from fte_sniff.protocol.spec import MOTORS, Fault, online_bit_text, status_of
 from fte_sniff.tui.cells import RAISED_MARK, TimeStyle
 from fte_sniff.tui.commands import SECTIONS
 from fte_sniff.tui.detail import UNCERTAIN_ORDER
@@ -75,10 +75,9 @@ def _filter_sections() -> Iterator[tuple[str, Pairs]]:
         _("Columns, and names in a filter"),
         [(column.name, _(column.meaning)) for column in COLUMNS],
     )
-    faults = FAULT_MEANINGS.items()
     yield (
         _("Faults"),
-        [(f"{LOOKS[status_of((one,))].mark} {one}", _(meaning)) for one, meaning in faults],
+        [(f"{LOOKS[status_of((one,))].mark} {one}", _(one.meaning)) for one in Fault],
     )
 
 

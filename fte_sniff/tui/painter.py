@@ -17,9 +17,9 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.strip import Strip
 
+from fte_sniff.errors import ExplainedWord
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.looks import LOOKS, mark_of
-from fte_sniff.i18n import ExplainedWord
 from fte_sniff.protocol.columns import Value, record, spaced_hex
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row

@@ -14,7 +14,7 @@ from fte_sniff.formats.decoders import wireshark_dissector
 from fte_sniff.formats.pcapng import COMMENT, PcapngWriter
 from fte_sniff.protocol.columns import COLUMNS, record
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import FAULT_MEANINGS, KINDS, VALUE_FIELDS, Fault, encode
+from fte_sniff.protocol.spec import KINDS, VALUE_FIELDS, Fault, encode
 from tests.recording.conftest import some_rows
 from tests.support.tools import needs
 
@@ -98,7 +98,7 @@ def every_byte_of_the_heads() -> list[Row]:
                 if field.fault is not None:
                     raw[field.start] = byte
                     faults += [] if field.is_legal(byte) else [field.fault]
-            ordered = tuple(fault for fault in FAULT_MEANINGS if fault in faults)
+            ordered = tuple(fault for fault in Fault if fault in faults)
             rows.append(Row("a", 10 * len(rows), bytes(raw), 10**18 + len(rows), ordered))
     return rows
 
