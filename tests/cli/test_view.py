@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copy
 
 import pytest
 
@@ -262,23 +263,25 @@ def test_where_nobody_could_continue_it_ctrl_z_does_not_stop_it(
 
 
 def test_without_a_file_the_latest_recording_opens_with_its_notes(
-    run, environment, tmp_path: Path
+    environment, tmp_path: Path
 ) -> None:
+    """On a file without findings on any machine: where a list is open, `q` closes only that."""
     with terminal(environment, tmp_path, "view") as screen:
         assert screen.ended() == 2
     assert b"this folder has no recording" in screen.drawn
-    arguments = ("--count", "400")
-    assert run("live", "sim://?seed=1", "--plain", *arguments, "-o", "x.mcap").returncode == 0
+    copy(SAMPLES / "clean.mcap", tmp_path / "x.mcap")
     with terminal(environment, tmp_path, "view") as screen:
-        screen.until("x.mcap", "400 rows")
+        screen.until("x.mcap", "1,200 rows")
         screen.type("fmotor = 2\rm")
-        screen.until("of 400 rows")
+        screen.until("saved in x.mcap.notes.jsonl")
         screen.type("q")
         assert screen.ended() == 0
     assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
     with terminal(environment, tmp_path, "view", "x.mcap") as screen:
-        screen.until("400 rows")
-        screen.type("u#a\ru")
+        screen.until("1,200 rows")
+        screen.type("u#a\r")
+        screen.until("saved in x.mcap.notes.jsonl")
+        screen.type("\x1b")
         screen.until("note: a")
         screen.type("Q")
         assert screen.ended() == 0
