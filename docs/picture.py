@@ -1,8 +1,7 @@
 """Make the pictures of the screen: `python docs/picture.py [NAME ...]`.
 
 They show the real screen on a capture of `sim://` with a fixed seed and a simulated clock, so that
-a picture changes only when the screen does. Some are in the README; the tests compare all with the
-screen. Wide characters have two cells here too, in any font.
+a picture changes only when the screen does. Wide characters have two cells here too, in any font.
 """
 
 from __future__ import annotations
@@ -36,8 +35,9 @@ FOLDER = Path(__file__).with_name("pictures")
 
 PORT = "/dev/ttyUSB0"
 RATE = 200
-QUERY = f"seed=6&rate={RATE}&drop=0.01&flip=0.01&noise=0.01"
+QUERY = f"seed=6&rate={RATE}&weak_motor=3&drop=0.005&flip=0.005&noise=0.01"
 START_NS = 1_769_860_800_000_000_000  # 2026-01-31T12:00:00Z
+ROW_BYTES = 90
 POLLS = 80
 POLL_NS = 50_000_000
 MORE_POLLS = 5
@@ -82,11 +82,11 @@ PICTURES: Mapping[str, Picture] = {
     "small-zh": Picture((80, 24), (), "实时", language="zh"),
     "narrow": Picture((40, 16), (), "LIVE"),
     "wide": Picture((200, 60), ("M",), "feedback", frames=2650),
-    "wide-zh": Picture((200, 60), ("T",), "未应答", frames=2650, language="zh"),
+    "wide-zh": Picture((200, 60), ("ctrl+t", "T"), "未应答", frames=2650, language="zh"),
     "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "moter"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
-        (100, 24), ("slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "match 2 of 16"
+        (100, 24), ("escape", "slash", "'hex:AA 01 ?? 00'", "enter", "m", "n", "n"), "match 2 of"
     ),
     "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
     "columns": Picture((100, 30), ("C",), "enter applies"),
@@ -119,7 +119,12 @@ class SimulatedFeed:
         due = len(self._rows) - max(0, POLLS - self._polls) * RATE * POLL_NS // 10**9
         rows = self._rows[self._given : due]
         self._given += len(rows)
-        state = FeedState(PORT, "fte-sniff-20260131T120000Z.mcap", rows=self._given)
+        state = FeedState(
+            PORT,
+            "fte-sniff-20260131T120000Z.mcap",
+            rows=self._given,
+            recorded_bytes=self._given * ROW_BYTES,
+        )
         return FeedUpdate(state, rows)
 
     def stop(self) -> None:

@@ -40,7 +40,7 @@ from fte_sniff.tui.examine import Examiner
 from fte_sniff.tui.export import Export
 from fte_sniff.tui.filters import Columns, Filters
 from fte_sniff.tui.find import Find, Goto, Searching
-from fte_sniff.tui.findings import FindingsPage, span_of
+from fte_sniff.tui.findings import FindingsPage
 from fte_sniff.tui.help import HelpPage
 from fte_sniff.tui.line import CommandLine
 from fte_sniff.tui.motors import MotorsPage
@@ -48,7 +48,7 @@ from fte_sniff.tui.notes import NotesControl
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.pages import Context, Page, Pane
 from fte_sniff.tui.parts import Parts
-from fte_sniff.tui.status import StatusLine, TitleLine, badge_text, mode_of
+from fte_sniff.tui.status import LINE, StatusLine, TitleLine, badge_text, mode_of
 from fte_sniff.tui.streams import StreamsPage
 from fte_sniff.tui.strip import LOW, MotorStrip, strip_text
 from fte_sniff.tui.table import RowTable, TableHeader
@@ -200,6 +200,7 @@ class SniffApp(App[None]):
         page = self.pane.page
         there = {
             Needs.ROWS: self.table.viewport.count > 0,
+            Needs.BELOW: not self.table.viewport.following,
             Needs.RUNS: self.view.state.running,
             Needs.PANE: page is not None,
             Needs.PLOTS: page is self.motors,
@@ -556,8 +557,8 @@ class SniffApp(App[None]):
             self.status.forget(topic)
         for topic, one in going_on.items():
             if topic not in self._reported or self.status.warns(topic):
-                when = span_of(one, self.table.look.shown_zone)
-                self.status.warn(f"{when}: {_(one.text)}", topic)
+                since = clock_text(one.first_ns, 0, self.table.look.shown_zone)[:8]
+                self.status.warn(f"{since}  {_(one.text)}", topic)
         self._reported = {*going_on}
 
     # What is shown
@@ -696,11 +697,11 @@ class SniffApp(App[None]):
         """Show what continues the line; the parts have the keys again once it is closed."""
         if self.line.question is None:
             self._part.focus()
-            self.status.forget("line")
+            self.status.forget(LINE)
         elif event.suggestions:
-            self.status.pin("line", f"tab: {'   '.join(event.suggestions)}")
+            self.status.pin(LINE, f"tab: {'   '.join(event.suggestions)}")
         else:
-            self.status.pin("line", _("enter applies   esc: back   up: earlier"))
+            self.status.pin(LINE, _("enter applies   esc: back   up: earlier"))
         self.show_state()
 
     def on_mouse_down(self, event: MouseDown) -> None:

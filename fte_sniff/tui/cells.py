@@ -39,10 +39,10 @@ FEEDBACK = "fb"
 
 @cache
 def value_heads(kind: FrameKind) -> tuple[tuple[str, ...], ...]:
-    """The labels of a kind's fields, and those where there is little space."""
-    names = (f"{field.option}=" for field in kind.fields)
-    short = ("" if field.unit else field.option[0].upper() for field in kind.fields)
-    return tuple(names), tuple(short)
+    """The labels of a kind's fields, those without numbers of a unit, and the shortest."""
+    names = tuple(f"{field.option}=" for field in kind.fields)
+    some = tuple("" if field.unit else f"{field.option}=" for field in kind.fields)
+    return names, some, tuple(name[:1].upper() for name in some)
 
 
 ValuePart: TypeAlias = tuple[str, Field]
@@ -59,7 +59,7 @@ def value_parts(
     """A frame's values by their short names, `motor=1`, which fit into `width` cells with spaces.
 
     Only values that are `shown`; by default, flag bytes with their default value are left out. If
-    the text does not fit the width, the names are short: `M1 1000`.
+    the text does not fit the width, names go: `motor=1 1000`, at last `M1 1000`.
     """
     parts: list[ValuePart] = []
     values = [(field, field.read(raw)) for field in kind.fields]

@@ -24,6 +24,8 @@ class Needs(Flag):
     NOTHING = 0
     ROWS = auto()
     """A row is shown."""
+    BELOW = auto()
+    """The end is not followed."""
     RUNS = auto()
     """More rows can come."""
     PANE = auto()
@@ -84,7 +86,7 @@ MOVE: Final = (
     Command("pageup,ctrl+u", "app.page(-1)", "one page up"),
     Command("pagedown,ctrl+d", "app.page(1)", "one page down"),
     Command("home,g", "table.jump(0)", "the first row"),
-    Command("G,end", "table.follow", "the last row, and follow what comes", "End"),
+    Command("G,end", "table.follow", "the last row, and follow what comes", "End", Needs.BELOW),
     Command("left,h", "app.aside(-1)", "columns to the left"),
     Command("right,l", "app.aside(1)", "columns to the right"),
     _anywhere("tab", "app.next_part", "motors, table, pane: the next has the keys"),
@@ -163,7 +165,7 @@ SECTIONS: Final[tuple[tuple[str, tuple[Command, ...]], ...]] = (
 """The keys in the help, under their headings."""
 
 FOOTER: Final = (
-    " question_mark q f exclamation_mark M T slash ctrl+s n backspace p,space G,end F e "
+    " question_mark q f exclamation_mark M T slash ctrl+s F n backspace p,space G,end e "
 )
 """The keys of the footer, the most important first."""
 

@@ -113,6 +113,9 @@ class TitleLine(Static):
             self.update(line, layout=False)
 
 
+LINE: Final = "line"
+"""Topic of what continues the line that is typed, before which warnings wait."""
+
 INFO_S: Final = 8.0
 """How long an answer stays where no key is pressed, seconds."""
 
@@ -173,17 +176,20 @@ class StatusLine(Static):
         self._update()
 
     def on_port_event(self, event: PortEvent, zone: tzinfo = UTC) -> None:
-        """Show a port event, with its time of day in a zone."""
-        text, topic = event_text(event, zone), (event.port, event.kind)
+        """Show a port event, with its time of day in a zone; until esc where bytes are missing.
+
+        What happens to a port replaces what happened to it before.
+        """
+        text = event_text(event, zone)
         match event.kind:
             case PortEventKind.OPENED | PortEventKind.CLOSED:
                 pass  # the table has a line for it
+            case PortEventKind.LOST | PortEventKind.SILENT | PortEventKind.WIRING:
+                self.warn(text, event.port)
             case PortEventKind.FOUND_AGAIN | PortEventKind.BYTES_AGAIN | PortEventKind.BAUD_CHANGED:
-                for kind in (PortEventKind.LOST, PortEventKind.SILENT, PortEventKind.WIRING):
-                    self.forget((event.port, kind))
-                self.inform(text)
+                self.warn(text, event.port) if self.warns(event.port) else self.inform(text)
             case _:
-                self.warn(text, topic)
+                self.warn(text, (event.port, event.kind))
 
     def dismiss(self) -> bool:
         """Remove what is shown in place of the numbers; returns whether there was anything."""
@@ -199,7 +205,7 @@ class StatusLine(Static):
 
     def _update(self) -> None:
         warnings = [*self._warnings.values()]
-        is_warning = bool(warnings) and not self._answer
+        is_warning = bool(warnings) and not self._answer and LINE not in self._states
         self.set_class(is_warning, "-worry")
         line = self._numbers
         if is_warning:

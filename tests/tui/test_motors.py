@@ -107,9 +107,9 @@ def test_the_line_of_a_finding_grows_with_it_and_goes_after_its_end(feed: ListFe
 
     async def scenario(app: SniffApp) -> None:
         give(app, talk(20, lost=3))
-        await until(app, "! 12:00:00 - 12:00:19: motor 3 answered 666 of 999 commands")
+        await until(app, "! 12:00:00  motor 3 answered 666 of 999 commands")
         give(app, after(20, talk(10, lost=3)))
-        await until(app, "! 12:00:00 - 12:00:29: motor 3 answered 999 of 1,500 commands")
+        await until(app, "! 12:00:00  motor 3 answered 999 of 1,500 commands")
         give(app, after(30, talk(30)))
         await until(app, "motor 3 answered", gone=True)
 

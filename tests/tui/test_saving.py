@@ -64,7 +64,9 @@ def test_a_saved_recording_names_the_gaps_between_its_rows(feed: ListFeed, tmp_p
     assert (gap.start_ns, gap.end_ns) == ((rows[19].t_ns or 0) + 1, (rows[20].t_ns or 0) - 1)
 
 
-def test_a_lost_port_stays_in_the_status_line_until_it_is_found_or_esc(feed: ListFeed) -> None:
+def test_a_lost_port_stays_in_the_status_line_until_esc_also_when_it_is_back(
+    feed: ListFeed,
+) -> None:
     feed.give(speed_rows(5))
 
     async def scenario(app: SniffApp) -> None:
@@ -80,6 +82,8 @@ def test_a_lost_port_stays_in_the_status_line_until_it_is_found_or_esc(feed: Lis
         feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.LOST, "again"))
         feed.emit(PortEvent(NOON_NS, PORT, PortEventKind.FOUND_AGAIN, ""))
         await settle(app)
+        assert "! 12:00:00.000  /dev/ttyUSB0 found again" in page(app)
+        await press(app, "escape")
         assert "! 12:00" not in page(app)
 
     play(feed, scenario)
