@@ -217,7 +217,7 @@ class Encoder:
         data, starts = self._records(rows, events, order, times, channels)
         data, first, last = definitions + data, int(times[0]), int(times[-1])
         self.times = (self.times[0] if self.times else first), last
-        packed = zstandard.ZstdCompressor(level=1).compress(data)
+        packed = zstandard.ZstdCompressor(level=-1).compress(data)
         record = bytes_of(Chunk("zstd", packed, last, first, crc32(data), len(data)))
         indexes, offsets = _message_indexes(channels, times, starts + len(definitions))
         offsets = {channel: at + len(record) + offset for channel, offset in offsets.items()}
@@ -308,7 +308,7 @@ class Encoder:
         heads = np.empty(len(times), MESSAGE)
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
         heads["channel"] = channels
-        heads["sequence"] = self._counts.total() + np.arange(len(times))
+        heads["sequence"] = 0
         heads["log"] = heads["publish"] = times
         counts = np.bincount(channels)
         self._counts.update(

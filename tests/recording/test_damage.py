@@ -239,7 +239,8 @@ def test_without_any_definition_rows_are_read_by_our_own(way: str, tmp_path: Pat
 def test_a_flipped_bit_in_a_name_puts_no_row_on_another_port(tmp_path: Path) -> None:
     one = recorded("under way")
     for at in range(1, len(one.content)):
-        if one.content[at : at + 7] == b"ttyUSB0":
+        is_packed = any(start <= at < end for start, end in one.chunks)
+        if one.content[at : at + 7] == b"ttyUSB0" and not is_packed:
             altered = overwritten(one.content, (at + 6, b"1"))
             assert check(one, altered, tmp_path / "x.mcap", EVERYTHING).rows == one.rows
 
