@@ -144,11 +144,7 @@ class _Skeleton:
         words = windows.view("<u8").reshape(len(windows), -1)
         if all(self._agrees(words, combine) for combine in (np.bitwise_or, np.bitwise_and)):
             return np.ones(len(words), np.bool_)
-        differing = np.zeros(len(words), "<u8")
-        for at, (mask, expected) in enumerate(zip(self._mask, self._expected, strict=True)):
-            if mask:
-                differing |= (words[:, at] & mask) ^ expected
-        fits: Bools = differing == 0
+        fits: Bools = ((words & self._mask) == self._expected).all(axis=1)
         return fits
 
     def _agrees(self, words: Array, combine: np.ufunc) -> bool:
@@ -279,7 +275,8 @@ class MessageDecoder:
                 for read, rests in self._decode_alike(messages, own, kinds[code - 1], columns):
                     kept[read] = True
                     more += [(read, rest) for rest in rests]
-        kept &= _is_valid(columns)
+        is_frame = IS_HEADER.take(columns.raw[:, 0]) & (columns.raw[:, FRAME_LENGTH - 1] == TAIL)
+        kept &= (columns.t_ns >= 0) & (columns.offset >= 0) & (is_frame | ~columns.framed)
         places = np.flatnonzero(kept)
         rows = columns if len(places) == len(columns) else columns.select(places)
         unreadable = ours - len(places) - len(events)
@@ -319,13 +316,6 @@ class MessageDecoder:
                 yield own[fits], known[number].store(windows[fits], own[fits], columns)
                 windows, own = windows[~fits], own[~fits]
             number += 1
-
-
-def _is_valid(rows: Rows) -> Bools:
-    """Which rows have a time and an offset that can be, and as frames a header and a tail."""
-    is_frame = IS_HEADER.take(rows.raw[:, 0]) & (rows.raw[:, FRAME_LENGTH - 1] == TAIL)
-    found: Bools = (rows.t_ns >= 0) & (rows.offset >= 0) & (is_frame | ~rows.framed)
-    return found
 
 
 def at_every_byte(records: bytes | Codes, size: int) -> Array:

@@ -305,10 +305,9 @@ class Encoder:
             lengths[places[own]] = MESSAGE_HEAD + values.itemsize
         stops = np.cumsum(lengths)
         starts, data = stops - lengths, np.empty(int(stops[-1]), np.uint8)
-        heads = np.empty(len(times), MESSAGE)
+        heads = np.zeros(len(times), MESSAGE)  # sequence 0: not numbered
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
         heads["channel"] = channels
-        heads["sequence"] = 0
         heads["log"] = heads["publish"] = times
         counts = np.bincount(channels)
         self._counts.update(
