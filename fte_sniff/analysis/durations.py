@@ -10,16 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import polars as pl
 
 from fte_sniff.analysis.segments import Counts, added
-from fte_sniff.protocol.rows import Ints
-
-Floats: TypeAlias = "npt.NDArray[np.float64]"
+from fte_sniff.protocol.rows import Floats, Ints
 
 FINE: Final = 10
 """Bits of a mantissa in the number of a bin: 1024 bins an octave."""

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from fte_sniff.analysis.relations import values_at
-from fte_sniff.protocol.rows import Ints, Rows
+from fte_sniff.protocol.rows import Floats, Ints, Rows
 from fte_sniff.protocol.spec import KINDS, MOTORS, Direction
-
-Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 
 class Envelope(NamedTuple):

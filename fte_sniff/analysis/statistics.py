@@ -49,7 +49,7 @@ _EXTENT: Final = (
 def counted(table: Table) -> Counts:
     """The counts of a table."""
     ports, sources = (pl.Series(one, dtype=pl.String) for one in (table.rows.ports, table.sources))
-    bauds = {**table.bauds, **dict.fromkeys(table.rows.used_ports), **table.bauds}
+    bauds = {one: table.bauds.get(one) for one in (*table.bauds, *table.rows.used_ports)}
     frame, answers = table.frame, table.answers
     by_stream = ("port", "kind", MOTOR)
     streams = frame.filter(pl.col("kind").is_not_null())

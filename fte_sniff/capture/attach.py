@@ -29,7 +29,7 @@ from typing import Final, NamedTuple
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.discovery import Holder, holders_of, holders_text, is_terminal, open_files
 from fte_sniff.capture.port_errors import port_error
-from fte_sniff.capture.source import HOST, Connection, Item
+from fte_sniff.capture.source import HOST, Connection, Received
 from fte_sniff.errors import Joint, PortError, TranslatableText, listed, printable
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
@@ -141,7 +141,7 @@ class Strace:
                 raise _refusal(self._names[0], self.holders, said)
             self._rest += more
 
-    def items(self) -> Iterator[Item]:
+    def items(self) -> Iterator[Received]:
         """What the lines report that have come.
 
         Raises EOFError when the target has ended, OSError when strace was ended.
@@ -157,7 +157,7 @@ class Strace:
                 yield Chunk(name, before_ns - _SETTLED_NS, b"", at_once=True)
             yield from self._followed()
 
-    def close(self) -> Iterator[Item]:
+    def close(self) -> Iterator[Received]:
         """Let the target go; returns all that was seen until then."""
         self._process.terminate()
         while data := self._read(_END_S):
@@ -190,7 +190,7 @@ class Strace:
         programs = listed(self.holders, Joint.AND)
         return EOFError(TranslatableText("{programs} ended", programs=programs))
 
-    def _items(self, data: bytes) -> Iterator[Item]:
+    def _items(self, data: bytes) -> Iterator[Received]:
         *lines, self._rest = (self._rest + data).split(b"\n")
         ahead_ns = self._clock.system_ahead_ns()
         for line in filter(None, lines):
@@ -203,7 +203,7 @@ class Strace:
             else:
                 yield from self._of_call(call, ahead_ns) if call is not None else ()
 
-    def _of_call(self, call: Call, ahead_ns: int) -> Iterator[Item]:
+    def _of_call(self, call: Call, ahead_ns: int) -> Iterator[Received]:
         name = self._names[call.written]
         yield Chunk(name, call.t_ns - ahead_ns, call.data, at_once=True)
         if call.missing:
@@ -214,7 +214,7 @@ class Strace:
             )
             yield self._event(name, PortEventKind.OVERRUN, detail, call.missing)
 
-    def _followed(self) -> Iterator[Item]:
+    def _followed(self) -> Iterator[Received]:
         """Watch the port that the target has opened in place of this one, if it has."""
         if time.monotonic() < self._look_s:
             return

@@ -33,7 +33,7 @@ from fte_sniff.capture.serial_port import (
     request_low_latency,
     writer_of,
 )
-from fte_sniff.capture.source import HOST, Connection, Item
+from fte_sniff.capture.source import HOST, Connection, Received
 from fte_sniff.errors import FileError, TranslatableText, printable
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import byte_time_ns
@@ -60,7 +60,7 @@ def connect_bridge(lasting: LastingPort, link: str | None, clock: Clock) -> Conn
     _set_exclusive(port, termios.TIOCEXCL)
     forwarder = Forwarder(lasting, port, host, clock)
 
-    def close() -> Iterable[Item]:
+    def close() -> Iterable[Received]:
         rest = list(forwarder.rest())
         host.close()
         _set_exclusive(port, termios.TIOCNXCL)
@@ -104,7 +104,7 @@ class Forwarder:
         self._not_delivered = 0
         self._reported_ns = -REPORT_NS
 
-    def feedback(self) -> Iterator[Item]:
+    def feedback(self) -> Iterator[Received]:
         """Forward what the port has received."""
         data, now_ns = self._read(), self._clock.now_ns()
         self._not_delivered += self._host.write(data)
@@ -113,7 +113,7 @@ class Forwarder:
             self._reported_ns = now_ns
             yield from self._undelivered()
 
-    def control(self) -> Iterator[Item]:
+    def control(self) -> Iterator[Received]:
         """Forward what the host program has written; without room, it has to wait."""
         was_in_use = self._host.in_use
         self._pending = self._pending or self._host.read()
@@ -128,7 +128,7 @@ class Forwarder:
             yield self._event(kind, detail)
         yield Chunk(HOST, self._leaves_ns(len(data)), data)
 
-    def rest(self) -> Iterator[Item]:
+    def rest(self) -> Iterator[Received]:
         """Report what was not forwarded, and that the bridge hangs up."""
         yield from self._undelivered()
         if count := len(self._pending):

@@ -18,7 +18,7 @@ from fte_sniff.capture.serial_port import (
     reader_of,
     request_low_latency,
 )
-from fte_sniff.capture.source import Connection, Item, Reader
+from fte_sniff.capture.source import Connection, Reader, Received
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
@@ -31,12 +31,12 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
         request_low_latency(port)
     errors, read = LineErrors(name, counters_of(port)), reader_of(port)
 
-    def received() -> Iterable[Item]:
+    def received() -> Iterable[Received]:
         data, now_ns = read(), clock.now_ns()
         chunk = Chunk(name, now_ns, data, errors.came())
         return *errors.report(now_ns), chunk
 
-    def close() -> Iterable[Item]:
+    def close() -> Iterable[Received]:
         port.close()
         return errors.report(clock.now_ns(), at_end=True)
 
@@ -64,7 +64,7 @@ _SEARCH_SHARE: Final = 0.01
 """Share of the time that the search for other programs takes at most."""
 
 
-def holders_coming(name: str, device: str, clock: Clock) -> Iterator[Iterable[Item]]:
+def holders_coming(name: str, device: str, clock: Clock) -> Iterator[Iterable[Received]]:
     """Report each program that opens the device beside this one, once, without an end."""
     known = set[Holder]()
     while True:

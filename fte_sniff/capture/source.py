@@ -26,9 +26,10 @@ from fte_sniff.capture.port_errors import RefusedError, one_line
 from fte_sniff.errors import FteSniffError, PortError, TranslatableText
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 
-Item: TypeAlias = Chunk | PortEvent
+Received: TypeAlias = Chunk | PortEvent
+"""What a reader returns, and a source yields."""
 
-Reader: TypeAlias = Callable[[], Iterable[Item]]
+Reader: TypeAlias = Callable[[], Iterable[Received]]
 """Waits for up to 50 ms, and returns what came, or an empty chunk. Raises OSError when the port is
 lost, EOFError when a program has ended that was watched."""
 
@@ -43,7 +44,7 @@ class Connection:
     """Text of the event `opened`."""
     readers: Sequence[Reader]
     """Each is called by a thread of its own."""
-    close: Callable[[], Iterable[Item]]
+    close: Callable[[], Iterable[Received]]
     """Closes the wires after the last read; returns what is left to report, which is taken."""
     device: str | None = None
     """The device that host programs open; None for all but a bridge."""
@@ -101,7 +102,7 @@ class Source:
         self._stop_at_ns = inf
         self._put_bytes = self._taken_bytes = 0
         self._dropped: Counter[str] = Counter()
-        self._items: queue.SimpleQueue[Item] = queue.SimpleQueue()
+        self._items: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._opened_ns = self._tick_ns = clock.now_ns()  # before the first byte that is seen
         opened = list[Connection]()
@@ -131,7 +132,7 @@ class Source:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[Item]:
+    def __iter__(self) -> Iterator[Received]:
         with self:
             while True:
                 is_over = self.is_over  # first: what is put before the end is still yielded
@@ -197,7 +198,7 @@ class Source:
             for name in tuple(self._away):
                 self._put(Chunk(name, now_ns, b""))
 
-    def _put(self, item: Item) -> None:
+    def _put(self, item: Received) -> None:
         """Append an item; a chunk without room is dropped, and its bytes are counted."""
         with self._lock:
             if isinstance(item, Chunk):
@@ -326,7 +327,7 @@ class Source:
                 is_last = True
 
 
-def _dated(item: Item, before_ns: int, began_ns: int) -> Item:
+def _dated(item: Received, before_ns: int, began_ns: int) -> Received:
     """An item of a read that began at a time, after one that began `before_ns`.
 
     If the reader was held up, its bytes may be late. Silence is certain only up to the read.

@@ -49,6 +49,7 @@ from fte_sniff.errors import (
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import Chunk, Gap
+from fte_sniff.protocol.rows import END_NS
 from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, Status, status_of
 from fte_sniff.session.following import Follower, followed
 from fte_sniff.session.framing import raw_chunks, timed
@@ -59,7 +60,7 @@ from fte_sniff.session.inputs import (
     InputKind,
     InputReading,
     chunk_input,
-    kind_of,
+    input_kind,
     recording_input,
 )
 from fte_sniff.session.save import is_same_file
@@ -153,9 +154,6 @@ _HELP = (
     " end)"
 )
 
-_END_NS: Final = 2**63
-"""Times of rows are below this, nanoseconds since 1970 UTC."""
-
 Times = tuple[int, int] | None
 """The first and the last time of an input, see `time_range`."""
 
@@ -219,7 +217,7 @@ def _time(text: str, option: str, zone: tzinfo, bounds: Callable[[], Times] = la
         found = time_ns(wanted, zone)
         if found is None:
             raise InputTextError(f"{option}: {quoted(text)} is not a time; write it {_HELP}")
-        if not 0 <= found < _END_NS:
+        if not 0 <= found < END_NS:
             raise InputTextError(f"{option}: {shortened(text)} is out of range: 1970 to 2262")
         return found
     if (known := bounds()) is None:
@@ -503,7 +501,7 @@ def _opened(path: Path, query: InputQuery) -> Input:
     first = stream.peek(1) if stream else _first_bytes(path)
     if not first:
         raise FileError(f"{name} is empty; there is nothing to read")
-    kind = query.kind or kind_of(name, first)
+    kind = query.kind or input_kind(name, first)
     baud, start_ns = query.baud or DEFAULT_BAUD, query.start_ns()
     if kind is InputKind.MCAP:
         if stream is not None:

@@ -17,7 +17,7 @@ from fte_sniff.formats.looks import LOOKS, mark_of
 from fte_sniff.protocol.columns import iso_time, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, Status, status_of
+from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, VALUE_FIELDS, Status, status_of
 
 GAP: Final = "  "
 _CLOCK: Final = slice(len("1970-01-01T"), len("1970-01-01T12:00:00.000"))
@@ -112,7 +112,8 @@ def values_text(row: Row) -> str:
     return " ".join(f"{field.name}={field.text(field.read(row.raw))}" for field in kind.fields)
 
 
-_OFFSETS, _BYTES, _NAME, _VALUE = 5, 17, 9, 13
+_OFFSETS, _BYTES, _VALUE = 5, 17, 13
+_NAME: Final = max(len(field.name) for field in VALUE_FIELDS)
 _BYTES_A_LINE = 6
 
 

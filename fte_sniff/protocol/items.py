@@ -104,7 +104,7 @@ class GapKind(StrEnum):
     SELECTED = "selected"
     """A filter selected the rows that follow; `reason` is its text."""
     NOT_SHOWN = "not_shown"
-    """The view was too slow to receive them."""
+    """They are in a file that the view could not read."""
 
 
 class Gap(NamedTuple):

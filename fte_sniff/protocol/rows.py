@@ -42,12 +42,16 @@ Array: TypeAlias = "npt.NDArray[Any]"
 Bools: TypeAlias = "npt.NDArray[np.bool_]"
 Codes: TypeAlias = "npt.NDArray[np.uint8]"
 Ints: TypeAlias = "npt.NDArray[np.int64]"
+Floats: TypeAlias = "npt.NDArray[np.float64]"
 
 MOST_BYTES: Final = 16
 """Bytes of a row, at most; the width of the column `raw`."""
 
 NO_TIME: Final = -(2**63)
 """Time, or read delay, of a row without one."""
+
+END_NS: Final = 2**63
+"""Times of rows are below this, nanoseconds since 1970 UTC: in the year 2262."""
 
 NO_FACT: Final = -1
 """The value of a column of `FACTS` where nothing is known."""

@@ -26,6 +26,7 @@ from mcap.records import Channel, Schema
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import read_at
 from fte_sniff.protocol.items import Chunk
+from fte_sniff.protocol.rows import END_NS
 from fte_sniff.recording.chunks import (
     HEAD,
     Contents,
@@ -42,8 +43,6 @@ _Message: TypeAlias = tuple[int, tuple[int, int], int, bytes]
 """A message: its time and its place in the file, which sort it; its channel; its bytes."""
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
-_END_NS: Final = 2**63
-"""The year 2262: a later time does not fit 64-bit columns, and is dropped."""
 
 
 def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
@@ -60,7 +59,7 @@ def topic_chunks(path: Path, topics: Collection[str]) -> Iterator[Chunk]:
                 topic = contents.channels[id_].topic
                 if id_ not in payloads:
                     payloads[id_] = _payload_of(contents.channels[id_], contents)
-                yield Chunk(topic, t_ns if t_ns < _END_NS else None, payloads[id_](data))
+                yield Chunk(topic, t_ns if t_ns < END_NS else None, payloads[id_](data))
     except OSError as error:
         raise unreadable(path, error) from error
     except ValueError as error:

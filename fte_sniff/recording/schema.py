@@ -44,6 +44,7 @@ from fte_sniff.protocol.spec import (
     Fault,
     Field,
     FrameKind,
+    Role,
     Status,
 )
 from fte_sniff.recording.metadata import PortFacts
@@ -68,22 +69,22 @@ MALFORMED: Final = Topic("/fte/malformed", "Malformed")
 EVENTS: Final = Topic("/fte/port", "PortEvent")
 
 
-def _topic_name(kind: FrameKind, motor: int) -> str:
-    """The topic of a kind of frame: of each motor, of the chassis, or of its own."""
-    own = f"motor{motor}" if kind.names_motor else "chassis" if kind.fields else kind.name
-    return f"/fte/{kind.direction}/{own}"
+def _topic_and_schema(kind: FrameKind, motor: int) -> tuple[str, str]:
+    """The names for a kind of frame: of each motor, of the chassis, or of its own."""
+    if kind.names_motor:
+        return f"/fte/{kind.direction}/motor{motor}", f"Motor{kind.direction.capitalize()}"
+    drives = any(field.role is Role.FORWARD for field in kind.fields)
+    own = "chassis" if drives else kind.name
+    return f"/fte/{kind.direction}/{own}", own.title().replace("_", "")
 
 
 def _frame_topics() -> Iterator[Topic]:
-    kinds_of: dict[str, dict[FrameKind, None]] = {}
+    kinds_of: dict[tuple[str, str], dict[FrameKind, None]] = {}
     for kind in KINDS:
         for motor in MOTORS:
-            kinds_of.setdefault(_topic_name(kind, motor), {})[kind] = None
-    for name, (kind, *more) in kinds_of.items():
-        schema = "Chassis" if kind.fields else kind.name.capitalize()
-        if kind.names_motor:
-            schema = f"Motor{kind.direction.capitalize()}"
-        yield Topic(name, schema, (kind, *more))
+            kinds_of.setdefault(_topic_and_schema(kind, motor), {})[kind] = None
+    for (name, schema), kinds in kinds_of.items():
+        yield Topic(name, schema, tuple(kinds))
 
 
 TOPICS: Final[tuple[Topic, ...]] = (*_frame_topics(), MALFORMED, EVENTS)
@@ -97,7 +98,7 @@ def _topic_codes() -> Codes:
     for code, kind in enumerate(KINDS):
         for motor in MOTORS:
             nums = motor if kind.names_motor else slice(None)
-            codes[code, nums] = TOPICS.index(TOPIC_BY_NAME[_topic_name(kind, motor)])
+            codes[code, nums] = TOPICS.index(TOPIC_BY_NAME[_topic_and_schema(kind, motor)[0]])
     return codes
 
 

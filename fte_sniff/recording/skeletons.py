@@ -375,11 +375,11 @@ class Template:
         self._types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
         self._places, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
         kind = row.kind if topic is not MALFORMED else None
-        self._fields = {
+        self._fields = {"raw": (f"V{len(row.raw)}", 0), "cmd": ("u1", CMD_OFFSET)} | {
             field.name: (f">{'i' if field.signed else 'u'}{field.size}", field.start)
             for field in (kind.fields if kind else ())
         }
-        """The type and offset of the message's values in the frame."""
+        """The type and offset, in the row's bytes, of the values that differ from the sample's."""
 
     def encode(self, rows: Rows, own: Ints) -> Array:
         """The messages of some rows, as opaque values; fields of other kinds stay NaN."""
@@ -389,9 +389,6 @@ class Template:
                 values = rows.columns[_NUMBERS[name]][own]
             elif name in self._fields:
                 values = column_at(raw, *self._fields[name])
-            elif name in ("raw", "cmd"):
-                kind, start = (self._types[name], 0) if name == "raw" else ("u1", CMD_OFFSET)
-                values = column_at(raw, kind, start)
             else:
                 continue
             column_at(messages, self._types[name], place)[...] = values

@@ -18,7 +18,7 @@ import numpy as np
 from fte_sniff.errors import FteSniffError, InputTextError, unreadable
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
-from fte_sniff.protocol.rows import Rows
+from fte_sniff.protocol.rows import END_NS, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, FRAME_LENGTH, byte_time_ns
 from fte_sniff.session.merge import EVER, Lane, Merge
 
@@ -57,10 +57,6 @@ def timed(chunks: Iterable[Chunk], start_ns: int | None, baud: int) -> Iterator[
             yield chunk
 
 
-_END_NS: Final = 2**63
-"""Times of rows are below this, nanoseconds since 1970 UTC."""
-
-
 def rows_of_chunks(
     chunks: Iterable[Chunk], note: Callable[[str], None], baud: int = DEFAULT_BAUD
 ) -> Iterator[Rows]:
@@ -79,7 +75,7 @@ def rows_of_chunks(
     try:
         for number, chunk in enumerate(chunks):
             if chunk.data:
-                if (chunk.t_ns or 0) >= _END_NS:
+                if (chunk.t_ns or 0) >= END_NS:
                     raise InputTextError(
                         f"{chunk.port}: at {baud} baud its bytes end after the year 2262, which no"
                         " row can name; check --start and --baud"

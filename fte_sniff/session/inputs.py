@@ -36,6 +36,7 @@ from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, Direction, byte_time_ns
+from fte_sniff.recording.chunks import MAGIC
 from fte_sniff.recording.metadata import Part, PortFacts, Selection, part_of
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
 from fte_sniff.session.framing import rows_of_chunks
@@ -48,8 +49,6 @@ if TYPE_CHECKING:
 
 
 # The format of an input
-
-_MCAP_MAGIC = b"\x89MCAP0\r\n"
 
 
 class InputKind(StrEnum):
@@ -68,7 +67,7 @@ SUFFIXES: Final = {
 """Of file names, in lower case."""
 
 
-def kind_of(name: str, first: bytes) -> InputKind:
+def input_kind(name: str, first: bytes) -> InputKind:
     """The format of a file or stream by the suffix of its name, else by its first bytes.
 
     Text is hex, and what is neither MCAP nor text is raw bytes. Raises FileError if it is known to
@@ -78,7 +77,7 @@ def kind_of(name: str, first: bytes) -> InputKind:
     for kind, suffixes in SUFFIXES.items():
         if Path(name).suffix.lower() in suffixes:
             return kind
-    if first.startswith(_MCAP_MAGIC):
+    if first.startswith(MAGIC):
         return InputKind.MCAP
     return InputKind.HEX if is_text(first) else InputKind.RAW
 

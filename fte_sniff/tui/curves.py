@@ -21,9 +21,9 @@ from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
 
-from fte_sniff.analysis.plots import Envelope, Floats
+from fte_sniff.analysis.plots import Envelope
 from fte_sniff.formats.cell_text import fit_right, short_number
-from fte_sniff.protocol.rows import Bools, Ints
+from fte_sniff.protocol.rows import Bools, Floats, Ints
 from fte_sniff.tui.painter import Palette
 
 ACROSS: Final = 2

@@ -8,7 +8,7 @@ from typing import Self
 
 from fte_sniff.capture.clock import Clock
 from fte_sniff.capture.serial_port import PortSettings
-from fte_sniff.capture.source import Item, Source
+from fte_sniff.capture.source import Received, Source
 from fte_sniff.capture.wiring import Wiring
 from fte_sniff.protocol.items import Chunk, PortEvent
 from tests.beside import Work
@@ -23,7 +23,7 @@ class Seen:
 
     def __init__(self, source: Source) -> None:
         self.source = source
-        self.items: list[Item] = []
+        self.items: list[Received] = []
         self._work = Work(self._take)
 
     def __enter__(self) -> Self:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 import pytest
 
 from fte_sniff.capture import source as module
-from fte_sniff.capture.source import Connection, Item, Source
+from fte_sniff.capture.source import Connection, Received, Source
 from fte_sniff.errors import FileError, PortError
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from tests.capture.seen import CLOCK, Seen
@@ -30,11 +30,11 @@ class Line:
             raise self.refusals.pop(0)
         return Connection((self.name,), "", (self._read,), self._close)
 
-    def _close(self) -> Iterable[Item]:
+    def _close(self) -> Iterable[Received]:
         self.closed += 1
         yield Chunk(self.name, CLOCK.now_ns(), self.rest)
 
-    def _read(self) -> Iterable[Item]:
+    def _read(self) -> Iterable[Received]:
         read = self.reads.pop(0) if self.reads else b""
         if isinstance(read, BaseException):
             raise read
@@ -204,7 +204,7 @@ def test_bytes_after_a_pause_of_the_reader_may_be_late(
 
 
 def test_what_was_read_before_a_loss_is_kept(line: Line) -> None:
-    def read() -> Iterable[Item]:
+    def read() -> Iterable[Received]:
         yield Chunk("a", CLOCK.now_ns(), b"last words")
         raise OSError("gone")
 
