@@ -16,7 +16,7 @@ from typing import Final
 from fte_sniff.formats.pcapng import COMMENT
 from fte_sniff.protocol import spec
 from fte_sniff.protocol.framer import SETTLING_NS
-from fte_sniff.protocol.spec import KINDS, Fault, Field, FrameKind, Status
+from fte_sniff.protocol.spec import Fault, Field, FrameKind, Status
 
 # Tables of the frames, for templates
 
@@ -108,23 +108,21 @@ def wireshark_dissector() -> str:
             {"name": fault.value, "meaning": fault.meaning, "suspect": fault in spec.SUSPECT_FAULTS}
             for fault in Fault
         ],
-        "FIELDS": [_widest(field) for field in spec.VALUE_FIELDS],
+        "FIELDS": [_field(field) for field in spec.VALUE_FIELDS],
         "KINDS": _kinds(),
     }
     lines = [f"local {name} = {_lua(value)}" for name, value in tables.items()]
     return _filled("wireshark_template.lua", lines)
 
 
-def _widest(field: Field) -> dict[str, object]:
-    """What Wireshark shows of a field: of all kinds that have it, the widest type."""
-    same = [one for kind in KINDS for one in kind.fields if one.name == field.name]
-    bits = 8 * max(one.size for one in same)
+def _field(field: Field) -> dict[str, object]:
+    """What Wireshark shows of a field; those of a row name have one type."""
     return {
         "name": field.name,
-        "type": f"{'int' if any(one.signed for one in same) else 'uint'}{bits}",
+        "type": f"{'int' if field.signed else 'uint'}{8 * field.size}",
         "unit": field.unit,
         "flags": field.legal_bits is not None,
-        "meaning": ", or ".join(dict.fromkeys(one.meaning for one in same)),
+        "meaning": spec.meaning_of(field.name),
     }
 
 

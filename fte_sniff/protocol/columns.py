@@ -18,12 +18,12 @@ import numpy as np
 from fte_sniff.protocol.rows import NO_FACT, Row, Rows, faults_in
 from fte_sniff.protocol.spec import (
     KIND_BY_NAME,
-    KINDS,
     VALUE_FIELDS,
     Direction,
     Fault,
     Field,
     Status,
+    meaning_of,
 )
 
 Value: TypeAlias = int | float | str | list[str] | None
@@ -83,8 +83,7 @@ def _fault_sets(rows: Rows) -> ColumnData:
 
 
 def _field_column(field: Field) -> Column:
-    fields = (one for kind in KINDS for one in kind.fields if one.name == field.name)
-    meaning = ", or ".join(dict.fromkeys(one.meaning for one in fields))
+    meaning = meaning_of(field.name)
     return Column(
         field.name,
         ColumnType.INT,

@@ -352,6 +352,13 @@ def encode(kind: FrameKind, values: Mapping[str, int], cmd: int | None = None) -
 
 
 _FIELDS = [field for kind in KINDS for field in kind.fields]
+
+
+def meaning_of(name: str) -> str:
+    """What the fields of a row name mean, in all kinds that have one."""
+    return ", or ".join(dict.fromkeys(one.meaning for one in _FIELDS if one.name == name))
+
+
 FIELD_BY_NAME: Mapping[str, Field] = {
     name: next(field for field in _FIELDS if field.name == name)
     for name in dict.fromkeys(field.name for field in _FIELDS)

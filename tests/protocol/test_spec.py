@@ -52,6 +52,11 @@ def test_encode_then_decode_is_the_identity(
 ALL_FIELDS = [(kind, field) for kind in KINDS for field in kind.fields]
 
 
+def test_fields_of_a_row_name_have_one_type() -> None:
+    types = {(one.name, one.size, one.signed, one.unit, one.role) for _, one in ALL_FIELDS}
+    assert len(types) == len({one.name for _, one in ALL_FIELDS})
+
+
 @pytest.mark.parametrize(("kind", "field"), ALL_FIELDS, ids=lambda entry: entry.name)
 @pytest.mark.parametrize("beyond", ["low", "high"])
 def test_a_value_out_of_range_names_field_range_and_unit(
