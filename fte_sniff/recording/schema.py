@@ -140,6 +140,8 @@ _ROW_FIELDS: Final[tuple[tuple[str, int | str], ...]] = (
     ("kind", "Kind"),
     ("order_uncertain", _TYPE.TYPE_BOOL),
 )
+FRAME_BYTES: Final[Mapping[str, int]] = MappingProxyType({"cmd": CMD_OFFSET})
+"""The further fields of every frame that are one of its bytes, by offset."""
 _EVENT_FIELDS: Final[tuple[tuple[str, int | str], ...]] = (
     ("kind", "PortEventKind"),
     ("detail", _TYPE.TYPE_STRING),
@@ -175,7 +177,7 @@ def _fields(topic: Topic) -> tuple[tuple[str, int | str], ...]:
     if topic is MALFORMED:
         return (*_ROW_FIELDS, *_DAMAGE_FIELDS)
     values = [(field.name, _value_type(field, topic)) for field in value_fields(topic)]
-    return (*_ROW_FIELDS, ("cmd", _TYPE.TYPE_FIXED32), *values)
+    return (*_ROW_FIELDS, *((name, _TYPE.TYPE_FIXED32) for name in FRAME_BYTES), *values)
 
 
 def _add_field(message: DescriptorProto, name: str, number: int, kind: int | str) -> None:
@@ -270,7 +272,7 @@ def _row_values(row: Row, topic: Topic) -> dict[str, Any]:
     if topic is MALFORMED:
         return values | {"framed": row.framed, "length": len(row.raw)}
     numbers = {field.name: nan for field in value_fields(topic)} | row.values
-    return values | numbers | {"cmd": row.raw[CMD_OFFSET]}
+    return values | numbers | {name: row.raw[at] for name, at in FRAME_BYTES.items()}
 
 
 def _event_values(event: PortEvent) -> dict[str, Any]:

@@ -35,9 +35,9 @@ from fte_sniff.protocol.rows import (
     Rows,
     fault_bits,
 )
-from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL, Fault
+from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL, Fault
 from fte_sniff.recording.chunks import HEAD
-from fte_sniff.recording.schema import MALFORMED, class_of, encode, topic_of
+from fte_sniff.recording.schema import FRAME_BYTES, MALFORMED, class_of, encode, topic_of
 
 MESSAGE: Final = np.dtype(
     [
@@ -375,7 +375,9 @@ class Template:
         self._types = {one.name: _TYPES.get(one.type, f"V{len(row.raw)}") for one in descriptors}
         self._places, _ = fields_in(self._message, {one.number: one.name for one in descriptors})
         kind = row.kind if topic is not MALFORMED else None
-        self._fields = {"raw": (f"V{len(row.raw)}", 0), "cmd": ("u1", CMD_OFFSET)} | {
+        self._fields = {"raw": (f"V{len(row.raw)}", 0)}
+        self._fields |= {name: ("u1", at) for name, at in FRAME_BYTES.items()}
+        self._fields |= {
             field.name: (f">{'i' if field.signed else 'u'}{field.size}", field.start)
             for field in (kind.fields if kind else ())
         }
