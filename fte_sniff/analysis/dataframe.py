@@ -18,6 +18,7 @@ import numpy as np
 import polars as pl
 import polars.selectors as cs
 
+from fte_sniff.errors import encodable
 from fte_sniff.protocol.columns import COLUMNS, PREVIOUS, Column, ColumnType
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
@@ -69,7 +70,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
         return known_only(values, known).cast(dtype)
     if column.type is ColumnType.TEXT:
         # A device path may hold bytes that are not text; polars takes only valid Unicode.
-        words = [str(word).encode(errors="replace").decode() for word in words]
+        words = [encodable(str(word)) for word in words]
     return pl.Series(words, dtype=dtype).gather(pl.Series(values.astype(np.uint32)))
 
 

@@ -24,7 +24,7 @@ from serial.tools.list_ports_common import ListPortInfo
 from fte_sniff.capture.discovery import is_pseudo_terminal, links_to
 from fte_sniff.capture.serial_port import PortSettings, device_of, open_port
 from fte_sniff.capture.url_handlers import is_network
-from fte_sniff.errors import PortError
+from fte_sniff.errors import PortError, encodable
 
 LINKS: Final = Path("/dev/serial")
 """Where udev makes links to adapters, by their ids and by their sockets."""
@@ -35,7 +35,7 @@ class LastingPort:
 
     def __init__(self, name: str, settings: PortSettings) -> None:
         """Name the port; nothing is opened."""
-        self.name, self.settings = name, settings
+        self.name, self.settings = encodable(name), settings
         self._name = name
         """The name to open next."""
         self._made: tuple[int, int] | None = None

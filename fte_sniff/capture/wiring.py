@@ -17,7 +17,7 @@ from fte_sniff.capture.lasting_name import LastingPort
 from fte_sniff.capture.port_source import connect_port
 from fte_sniff.capture.serial_port import DEFAULT_SETTINGS, PortSettings
 from fte_sniff.capture.source import HOST, Source
-from fte_sniff.errors import UsageError, printable
+from fte_sniff.errors import UsageError, encodable, printable
 from fte_sniff.protocol.items import PortEventKind
 
 Way: TypeAlias = Literal["read", "bridge", "attach"]
@@ -50,7 +50,8 @@ class Wiring:
     @property
     def names(self) -> tuple[str, ...]:
         """The wires in chunks, rows and events; first that from the controller."""
-        return tuple(self.ports) if self.way == "read" else (self.ports[0], HOST)
+        ports = tuple(map(encodable, self.ports))
+        return ports if self.way == "read" else (ports[0], HOST)
 
     def open(self, clock: Clock) -> Source:
         """Open all ports, to be read once the source is entered.

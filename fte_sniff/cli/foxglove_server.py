@@ -35,7 +35,7 @@ from websockets.typing import Origin, Subprotocol
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.cli.capture_loop import Observer, in_order
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import UsageError
+from fte_sniff.errors import UsageError, encodable
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.recording import schema
@@ -168,7 +168,7 @@ class FoxgloveServer(Observer):
                 "schemaName": schema.schema_name(topic),
                 "schemaEncoding": "protobuf",
                 "schema": b64encode(schema.schema_data(topic.schema)).decode(),
-                "metadata": {"port": schema.encodable(port)},
+                "metadata": {"port": encodable(port)},
             }
             for (port, topic), number in self._channels.items()
         ]

@@ -41,6 +41,7 @@ from fte_sniff.errors import (
     FileError,
     InputTextError,
     UsageError,
+    encodable,
     printable,
     quoted,
     shortened,
@@ -495,7 +496,7 @@ def _in_quotes(text: str) -> str:
 
 
 def _opened(path: Path, query: InputQuery) -> Input:
-    name, stream = str(path), None
+    name, stream = encodable(str(path)), None
     if path == STDIN:
         name, stream = STDIN_NAME, _stdin()
     first = stream.peek(1) if stream else _first_bytes(path)
@@ -531,8 +532,8 @@ def _opened(path: Path, query: InputQuery) -> Input:
 
     given = (query.day, query.zone_given(), start_ns, query.pattern)
     options = LogOptions(*given)
-    log = Log(name, options, stream)
-    again = tuple if stream else lambda: timed(Log(name, options).chunks(), start_ns, baud)
+    log = Log(STDIN_NAME if stream else str(path), options, stream)
+    again = tuple if stream else lambda: timed(Log(str(path), options).chunks(), start_ns, baud)
     return chunk_input(
         name,
         timed(log.chunks(), start_ns, baud),

@@ -5,6 +5,7 @@ The options come from the simulation's table of parameters.
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import Field, fields
 from pathlib import Path
 from threading import Event
@@ -114,16 +115,10 @@ def _replay(path: Path, link: Path | None, direction: str, speed: float) -> None
     seconds = (np.maximum.accumulate(frames.t_ns) - frames.t_ns.min()) / 1e9 / speed
     timed = zip(seconds.tolist(), (row.raw for row in frames), strict=True)
     stopped = Event()
-    host = HostEnd(link)
-    try:
-        with ending_signals(stopped.set):
-            click.echo(host.name)
-            print_err(
-                f"{len(frames):,} {direction} frames wait for a program that opens {host.name}"
-            )
-            written, refused = play(host, timed, stopped.is_set)
-    finally:
-        host.close()
+    with closing(HostEnd(link)) as host, ending_signals(stopped.set):
+        click.echo(host.name)
+        print_err(f"{len(frames):,} {direction} frames wait for a program that opens {host.name}")
+        written, refused = play(host, timed, stopped.is_set)
     print_err(f"played {written:,} bytes")
     if refused:
         print_err(f"{refused:,} bytes were lost: the program did not read them in time")

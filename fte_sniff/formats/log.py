@@ -27,7 +27,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
-from fte_sniff.errors import FileError, InputTextError, quoted
+from fte_sniff.errors import FileError, InputTextError, encodable, quoted
 from fte_sniff.formats.log_text import LONGEST_LINE, text_blocks
 from fte_sniff.formats.log_times import LogClock, LogOptions
 from fte_sniff.formats.plain_hex import has_typing_errors, is_hex_line, plain_hex
@@ -433,8 +433,8 @@ class Log:
             FileError: the file cannot be read.
             InputTextError: no frames are found in its first lines.
         """
-        self.name, self.options = name, options or LogOptions()
-        blocks = text_blocks(stream or Path(name))
+        self.name, self.options = encodable(name), options or LogOptions()
+        self._path, blocks = Path(name), text_blocks(stream or Path(name))
         seen, lines = list[str](), list[str]()
         for count in _SAMPLES:
             while len(lines) < count and (block := next(blocks, "")):
@@ -458,7 +458,7 @@ class Log:
 
     def _has_frames(self, lines: Sequence[str]) -> bool:
         """Choose the best reader of lines; whether they, plain hex or not, are enough for it."""
-        self.clock, pattern = LogClock(lines, self.name, self.options), self.options.pattern
+        self.clock, pattern = LogClock(lines, self._path, self.options), self.options.pattern
         self._readers = [LineReader(form, lines, self.clock.style, pattern) for form in FORMS]
         best = max(self._readers, key=lambda one: one.score)
         self._reader: LineReader | PlainReader = best

@@ -75,11 +75,11 @@ class LogOptions(NamedTuple):
 class LogClock:
     """The times of a log, in the order of its lines."""
 
-    def __init__(self, lines: Sequence[str], name: str, options: LogOptions) -> None:
+    def __init__(self, lines: Sequence[str], path: Path, options: LogOptions) -> None:
         """A clock; the first lines show the style, the order of day and month, and the unit."""
         heading = next(filter(None, map(_HEADING.match, lines)), None)
         self._options, self._unit = options, heading[2].lower() if heading else "s"
-        day, source = (options.day, "") if options.day else _day_of(Path(name))
+        day, source = (options.day, "") if options.day else _day_of(path)
         self._day, self._source = day, source and f"{source} gives {day}"
         seconds = _column(heading[1]) if heading else _SECONDS
         if options.pattern is not None:

@@ -33,6 +33,7 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Channel, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from fte_sniff.errors import encodable
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import NO_KIND, Codes, Row, Rows
 from fte_sniff.protocol.spec import (
@@ -278,11 +279,6 @@ def _row_values(row: Row, topic: Topic) -> dict[str, Any]:
 def _event_values(event: PortEvent) -> dict[str, Any]:
     kind = _number("PortEventKind", event.kind)
     return {"kind": kind, "detail": encodable(event.detail), "count": event.count}
-
-
-def encodable(text: str) -> str:
-    """Text for UTF-8: undecodable bytes (of file names, for example) as backslash escapes."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def schemas() -> list[Schema]:

@@ -42,7 +42,7 @@ from mcap.records import (
 )
 from zlib_ng.zlib_ng import crc32
 
-from fte_sniff.errors import FileError, reason_of
+from fte_sniff.errors import FileError, encodable, reason_of
 from fte_sniff.platform import sync_data, write_at
 from fte_sniff.protocol.items import PortEvent
 from fte_sniff.protocol.rows import NO_KIND, NO_TIME, Array, Ints, Rows
@@ -60,7 +60,6 @@ from fte_sniff.recording.schema import (
     TOPICS,
     channel_ids,
     channels_of,
-    encodable,
     encode,
     schemas,
     topics_of,

@@ -28,6 +28,7 @@ from fte_sniff.errors import (
     FteSniffError,
     InputTextError,
     TranslatableText,
+    encodable,
 )
 from fte_sniff.formats.known_files import refuse_known
 from fte_sniff.formats.log_text import is_text
@@ -129,7 +130,7 @@ def recording_input(reader: Recording) -> Input:
             raise reader.nothing_read
 
     return Input(
-        str(reader.path),
+        encodable(str(reader.path)),
         read,
         lambda: reader.times,
         lambda: reader.times and reader.times[0],
@@ -147,7 +148,7 @@ def beginning_of(reader: Recording) -> list[Gap]:
 def note_losses(reader: Recording, note: Note) -> None:
     """Note what is lost of a recording that was read."""
     for loss in reader.losses:
-        note(f"{reader.path}: {loss}")
+        note(f"{encodable(str(reader.path))}: {loss}")
 
 
 def chunk_input(

@@ -12,7 +12,7 @@ from polars.io.plugins import register_io_source
 
 from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.analysis.relations import DEADLINE_NS
-from fte_sniff.errors import RecordingWarning, printable
+from fte_sniff.errors import RecordingWarning, encodable, printable
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
@@ -72,8 +72,7 @@ def scan(
                 frame = table_frame(rows[:left], needed | {"offset"})
                 left -= len(frame)
                 if _FILE in needed:
-                    text = str(path).encode(errors="replace").decode()
-                    frame = frame.with_columns(pl.lit(text).alias(_FILE))
+                    frame = frame.with_columns(pl.lit(encodable(str(path))).alias(_FILE))
                 passed = frame if wanted is None else frame.filter(wanted)
                 yield passed.select(names or [*schema])
                 if left <= 0:
