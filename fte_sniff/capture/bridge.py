@@ -14,6 +14,7 @@ import os
 import select
 import struct
 import termios
+import threading
 import time
 import tty
 from collections.abc import Iterable, Iterator
@@ -189,8 +190,11 @@ class HostEnd:
         self._link = link
         self.name = self._device if link is None else str(link)
         """The path that users open: the link, or else the device."""
-        self._poll = select.poll()
+        self._poll, self._hang_up = select.poll(), select.poll()
         self._poll.register(self._descriptor, select.POLLIN)
+        self._hang_up.register(self._descriptor, 0)
+        self._lock = threading.Lock()
+        """Of writes and resets: what is written for a program is not reset."""
         if link is not None:
             try:
                 _make_link(link, self._device)
@@ -203,8 +207,9 @@ class HostEnd:
         ready = self._poll.poll(timeout_s * 1000)
         events = ready[0][1] if ready else 0
         if events & select.POLLHUP and not events & select.POLLIN:
-            if self.in_use:
-                self._reset()
+            with self._lock:
+                if self.in_use and self._has_no_program:
+                    self._reset()
             time.sleep(timeout_s / 2)
             return b""
         self.in_use = True
@@ -215,12 +220,18 @@ class HostEnd:
 
     def write(self, data: bytes) -> int:
         """Write what the device accepts; returns the number of bytes that it does not."""
-        if not self.in_use or not data:
-            return 0
-        try:
-            return len(data) - os.write(self._descriptor, data)
-        except BlockingIOError:
-            return len(data)
+        with self._lock:
+            if not data or self._has_no_program:
+                return 0
+            try:
+                return len(data) - os.write(self._descriptor, data)
+            except BlockingIOError:
+                return len(data)
+
+    @property
+    def _has_no_program(self) -> bool:
+        """Whether no host program has it open now."""
+        return any(events & select.POLLHUP for _, events in self._hang_up.poll(0))
 
     @property
     def unread(self) -> int:

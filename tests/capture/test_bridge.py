@@ -11,6 +11,7 @@ import termios
 import time
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -110,6 +111,33 @@ def test_host_program_may_come_and_go_and_finds_nothing_old(bridged, pty) -> Non
             bridged.wait(lambda s, turn=turn: s.data(pty.device).count(b"unread") == turn + 1)
         bridged.wait_for("closed", turn + 1, HOST)
     assert bridged.data(HOST) == b"!!!"
+
+
+@pytest.mark.parametrize("openings", [20, pytest.param(200, marks=pytest.mark.slow)])
+def test_bytes_at_the_opening_of_a_host_reach_it(bridged, pty, openings: int) -> None:
+    """Both ends write at once, whether or not the bridge has seen the program yet."""
+    turns = random.Random(4)
+    for turn in range(openings):
+        there, back = b"there %d!" % turn, b"back %d!" % turn
+        host = os.open(bridged.source.device, os.O_RDWR | os.O_NOCTTY)
+        writes = [partial(pty.send, back), partial(os.write, host, there)]
+        for write in turns.sample(writes, 2):
+            write()
+        assert from_far(pty, len(there)) == there
+        received = b""
+        for _ in while_waiting(lambda back=back: back):
+            if select.select([host], [], [], 0.1)[0]:
+                received += os.read(host, 100)
+            if len(received) == len(back):
+                break
+        os.close(host)
+        assert received == back
+        if turns.random() < 0.5:
+            bridged.wait(lambda s: s.kinds(HOST)[-1:] == ["closed"])
+    bridged.end()
+    assert bridged.data(HOST) == b"".join(b"there %d!" % turn for turn in range(openings))
+    assert bridged.data(pty.device) == b"".join(b"back %d!" % turn for turn in range(openings))
+    assert not any(event.count for event in bridged.events())
 
 
 def test_terminal_that_echoed_is_raw_again_for_the_next(bridged) -> None:
