@@ -133,9 +133,8 @@ class _Local(tzinfo):
     def dst(self, moment: datetime | None) -> None:
         """None: the system does not name it."""
 
-    def tzname(self, moment: datetime | None) -> str:
-        """The word of `--zone`."""
-        return "local"
+    def tzname(self, moment: datetime | None) -> None:
+        """None, as for `dst`."""
 
     def fromutc(self, moment: datetime) -> datetime:
         """The local time of a UTC time; `fold` marks the second of two equal ones."""

@@ -91,10 +91,13 @@ def test_a_lost_port_stays_in_the_status_line_until_esc_also_when_it_is_back(
 
 def test_the_end_of_a_capture_is_reported(feed: ListFeed) -> None:
     async def scenario(app: SniffApp) -> None:
+        await press(app, "q")
+        assert "to stop recording" in page(app)
         feed.end("the port is gone")
         await settle(app)
         assert "ended: the port is gone" in page(app)
         assert "ENDED" in page(app)
+        assert "to stop recording" not in page(app)
 
     play(feed, scenario)
 
