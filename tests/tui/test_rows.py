@@ -231,6 +231,18 @@ def test_columns_are_typed(feed: ListFeed) -> None:
     play(feed, scenario)
 
 
+def test_malformed_rows_are_counted_with_their_share(feed: ListFeed) -> None:
+    feed.give([*speed_rows(999), noise(999, 9990)])
+
+    async def scenario(app: SniffApp) -> None:
+        assert "1 malformed (0.1%)" in page(app)
+        feed.give(speed_rows(1, 1000))
+        await settle(app)
+        assert "1 malformed (<0.1%)" in page(app)
+
+    play(feed, scenario)
+
+
 def test_rows_that_are_like_this_one_are_shown_or_hidden(feed: ListFeed) -> None:
     feed.give(speed_rows(40))
 
