@@ -64,7 +64,7 @@ class DetailPage(Page):
         row, index, palette = context.row, context.index, context.palette
         if row is None or index is None:
             return Text(_("no row"))
-        signs, style = Table.grid(padding=(0, 1, 0, 0)), palette.statuses[row.status]
+        signs, style = Table.grid(padding=(0, 1)), palette.statuses[row.status]
         for text in explain(row):
             signs.add_row(LOOKS[row.status].mark, _(text), style=style)
         if row.unordered:
