@@ -24,7 +24,7 @@ import polars as pl
 
 from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import (
-    COLUMNS,
+    ARRAYS,
     FACTS,
     FAULT_BITS,
     KIND_OF,
@@ -325,7 +325,7 @@ def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Row
         "motor_hint": motor_hints(rows, runs),
         "previous": previous,
     }
-    return rows.replace(**{name: facts[name].astype(COLUMNS[name][0]) for name in FACTS})
+    return rows.replace(**{name: facts[name].astype(ARRAYS[name][0]) for name in FACTS})
 
 
 # What is late, and off target

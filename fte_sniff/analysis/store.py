@@ -28,7 +28,7 @@ from fte_sniff.analysis.relations import RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
 from fte_sniff.protocol.items import Change, Gap
-from fte_sniff.protocol.rows import COLUMNS, FACTS, NO_TIME, Array, Ints, Item, Rows
+from fte_sniff.protocol.rows import ARRAYS, FACTS, NO_TIME, Array, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
 MEMORY_ROWS: Final = 10_000_000
@@ -98,7 +98,7 @@ class RowStore:
             if number == len(self._blocks):
                 in_file = number >= self._memory_blocks
                 columns = {
-                    name: _space(kind, size, in_file=in_file) for name, (kind, _) in COLUMNS.items()
+                    name: _space(kind, size, in_file=in_file) for name, (kind, _) in ARRAYS.items()
                 }
                 self._blocks.append(columns)
             count = min(end - at, size - first)
@@ -110,7 +110,7 @@ class RowStore:
         """The rows with indices from `start` up to `end` that exist; a view within a block."""
         start, end = max(0, start), min(end, self.next)
         parts = [
-            Rows({name: block[name][own] for name in COLUMNS}, self.ports)
+            Rows({name: block[name][own] for name in ARRAYS}, self.ports)
             for block, own, _ in self._parts(start, end)
         ]
         return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
@@ -122,7 +122,7 @@ class RowStore:
         for number in np.unique(numbers).tolist():
             at = indices[numbers == number] - number * self._block_rows
             block = self._blocks[number]
-            parts.append(Rows({name: block[name][at] for name in COLUMNS}, self.ports))
+            parts.append(Rows({name: block[name][at] for name in ARRAYS}, self.ports))
         return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
 
     def runs(self, start: int, end: int) -> Runs:

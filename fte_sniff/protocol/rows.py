@@ -70,7 +70,7 @@ IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 NO_DIRECTION: Final = len(Direction)
 """The direction code of a row without a direction."""
 
-COLUMNS: Final[Mapping[str, tuple[str, int]]] = {
+ARRAYS: Final[Mapping[str, tuple[str, int]]] = {
     "t_ns": ("i8", NO_TIME),
     "offset": ("i8", 0),
     "delay_ns": ("i8", NO_TIME),
@@ -177,7 +177,7 @@ class Rows(Sequence[Row]):
     """Rows as columns of equal length."""
 
     columns: Mapping[str, Array]
-    """The columns by name, those of `COLUMNS`; each is an attribute, too."""
+    """The columns by name, those of `ARRAYS`; each is an attribute, too."""
     ports: tuple[str, ...]
     """The ports by index; some may have no rows."""
     t_ns: Ints
@@ -209,7 +209,7 @@ class Rows(Sequence[Row]):
     """The `payloads` of the frame before of the same port, motor and kind, or `NO_FACT`; int64."""
 
     def __init__(self, columns: Mapping[str, Array], ports: tuple[str, ...]) -> None:
-        """Rows of these columns, all of `COLUMNS`, each of its type; they are not copied."""
+        """Rows of these columns, all of `ARRAYS`, each of its type; they are not copied."""
         self.columns, self.ports = columns, ports
         self.__dict__.update(columns)
 
@@ -219,9 +219,9 @@ class Rows(Sequence[Row]):
 
         Unknown columns raise KeyError, those of another length ValueError.
         """
-        found = {name: np.empty(count, kind) for name, (kind, _) in COLUMNS.items()}
-        for name in COLUMNS.keys() - columns.keys():
-            found[name][...] = COLUMNS[name][1]
+        found = {name: np.empty(count, kind) for name, (kind, _) in ARRAYS.items()}
+        for name in ARRAYS.keys() - columns.keys():
+            found[name][...] = ARRAYS[name][1]
         for name, values in columns.items():
             own = np.asarray(values, found[name].dtype)
             if own.shape != found[name].shape:
@@ -238,7 +238,7 @@ class Rows(Sequence[Row]):
             return cls.blank(0, ())
         ports = tuple(dict.fromkeys(port for part in parts for port in part.ports))
         recoded = [part.with_ports(ports).columns for part in parts]
-        columns = {name: np.concatenate([own[name] for own in recoded]) for name in COLUMNS}
+        columns = {name: np.concatenate([own[name] for own in recoded]) for name in ARRAYS}
         return Rows(columns, ports)
 
     def with_ports(self, ports: tuple[str, ...]) -> Rows:

@@ -24,7 +24,7 @@ from google.protobuf.message import DecodeError
 
 from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.rows import (
-    COLUMNS,
+    ARRAYS,
     IS_HEADER,
     MOST_BYTES,
     Array,
@@ -166,7 +166,7 @@ class _Skeleton:
                 values = column_at(windows, "<i8", self.padding + place).copy()  # aligned: faster
                 columns.columns[column][own] = values
         for column, value in self.shared.items():
-            if value != COLUMNS[column][1]:
+            if value != ARRAYS[column][1]:
                 columns.columns[column][own] = value
         self._store_raw(windows, 0, own, columns)
         more = []

@@ -1,4 +1,4 @@
-"""The program with another frame table: other names, headers, and frames of twelve bytes.
+"""The program with another frame table: other names, headers, longer frames, and one kind more.
 
 A copy of the program, whose `protocol/spec.py` has another table, runs from its sources. So a name,
 an offset or a length that other code states itself is found here.
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from mcap.reader import make_reader
 
 from tests.cli.conftest import ROOT
 from tests.cli.program import Program
@@ -52,7 +53,11 @@ def _other(kind: FrameKind) -> FrameKind:
     return replace(kind, name=name, fields=fields, reserved=reserved)
 
 
-KINDS = tuple(map(_other, KINDS))
+CHARGE = Field("charge", 3, 2, 0, 0xFFFF, "mV", "charge of the battery", "charge")
+KINDS = (
+    *map(_other, KINDS),
+    FrameKind("charge_feedback", _FEEDBACK, (9,), (CHARGE,), range(5, 11), "the battery"),
+)
 KIND_BY_NAME: Mapping""",
 }
 """What is changed in `spec.py`: each text, which is there once, and what replaces it."""
@@ -125,6 +130,30 @@ def test_decoding_gives_the_other_columns_in_every_format(other: Other) -> None:
         run(other, "decode", "line.mcap", "-o", copy, "--force")
     again = run(other, "decode", "copy.mcap", "--format", "csv")
     assert again.splitlines() == [head, *lines]
+
+
+def test_a_further_kind_is_one_entry_of_the_table(other: Other) -> None:
+    frames = [run(other, "encode", "charge_feedback", "--charge", text) for text in ("7", "65535")]
+    lines = (f"12:00:{at:02} {frames[at % 2]}" for at in range(20))
+    (other.folder / "charge.log").write_text("".join(lines))
+    run(other, "decode", "charge.log", "--date", "2026-01-31", "-o", "charge.mcap", "--force")
+    for file in ("charge.log", "charge.mcap"):
+        shown = run(other, "decode", file, "--format", "jsonl", "--filter", "charge > 7")
+        found = [json.loads(line) for line in shown.splitlines()]
+        assert {(row["kind"], row["charge"], row["axis"]) for row in found} == {
+            ("charge_feedback", 65535, None)
+        }
+        assert len(found) == 10
+    topics = {name for name in topics_in(other.folder / "charge.mcap") if "charge" in name}
+    assert topics == {"/fte/feedback/charge_feedback"}
+    assert "65535 mV" in run(other, "hex", frames[1].strip())
+    assert "charge 7 .. 65535" in run(other, "stats", "charge.mcap")
+
+
+def topics_in(path: Path) -> set[str]:
+    """The topics of an MCAP file that have messages, as its own reader finds them."""
+    with path.open("rb") as stream:
+        return {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
 
 
 def test_statistics_and_checks_follow_the_roles(other: Other) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from fte_sniff.protocol.columns import DERIVED
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk, PortEvent
-from fte_sniff.protocol.rows import COLUMNS, MOST_BYTES, Row, Rows, fault_bits
+from fte_sniff.protocol.rows import ARRAYS, MOST_BYTES, Row, Rows, fault_bits
 from fte_sniff.recording.reader import Recording
 
 
@@ -26,9 +26,9 @@ def rows_from(rows: Iterable[Row]) -> Rows:
         "faults": [fault_bits(row.faults) for row in rows],
         "raw": np.frombuffer(raw, np.uint8).reshape(-1, MOST_BYTES),
     }
-    for name in COLUMNS.keys() - columns.keys():
+    for name in ARRAYS.keys() - columns.keys():
         values = [getattr(row, name) for row in rows]
-        columns[name] = [COLUMNS[name][1] if one is None else one for one in values]
+        columns[name] = [ARRAYS[name][1] if one is None else one for one in values]
     return Rows.blank(len(rows), ports, **columns)
 
 
