@@ -25,7 +25,7 @@ from textual.widgets import Footer, Input
 
 from fte_sniff.analysis.feed import Feed, FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
-from fte_sniff.analysis.motors import MotorState
+from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.analysis.time_text import LOCAL
 from fte_sniff.errors import FteSniffError
 from fte_sniff.formats.cell_text import clock_text
@@ -657,12 +657,15 @@ class SniffApp(App[None]):
         self._draw_due_ns = now_ns + pause_ns
 
     def _times_of_trouble(self) -> dict[int, int]:
-        """By motor, the start of the finding that is chosen, or of the first that goes on."""
+        """By motor, the start of the chosen finding, or in trouble, of the first that goes on."""
         chosen, now_ns, found = self.view.finding, self._span.now_ns, list[Finding]()
         if chosen is not None:
             found = [chosen]
-        elif self.table.viewport.following and self.view.lives and now_ns is not None:
-            found = [one for one in self.findings.listed if one.last_ns > now_ns - OVER_NS]
+        elif now_ns is not None:
+            well = (Trouble.NONE, Trouble.UNKNOWN)
+            troubled = {one.motor for one in self._states if one.trouble not in well}
+            near = (one for one in self.findings.listed if one.motor in troubled)
+            found = [one for one in near if one.first_ns <= now_ns < one.last_ns + OVER_NS]
         latest = sorted(found, key=lambda one: -one.first_ns)
         return {one.motor: one.first_ns for one in latest if one.motor}
 

@@ -159,8 +159,10 @@ def test_the_strip_shows_the_time_before_the_cursor() -> None:
         await until(app, "findings: 1")
         await press(app, "escape colon '12:00:29' enter")
         assert "3 unanswered" in strip(app)[2]
-        await press(app, "colon '12:00:55' enter")
+        assert "since 12:00:2" in strip(app)[2]
+        await press(app, "colon '12:00:45' enter")
         assert "3 ok" in strip(app)[2]
+        assert "since" not in strip(app)[2]
 
     play(file_with_trouble(), scenario)
 
