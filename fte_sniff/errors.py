@@ -108,6 +108,28 @@ def size_text(size: int) -> str:
     return f"{size} bytes"
 
 
+def unframed_text(lowest: int, highest: int, count: int, seconds: int) -> TranslatableText:
+    """What bytes without a frame are: their lowest and highest value, number, and time."""
+    if lowest == highest == 0:
+        return TranslatableText(
+            "only 00 for {seconds} s: the wire is held low (a break, no power, no ground), or "
+            "far slower than the baud",
+            seconds=seconds,
+        )
+    if lowest == highest:
+        return TranslatableText(
+            "only {byte} for {seconds} s: an open wire, swapped polarity, or another baud",
+            byte=f"{lowest:02X}",
+            seconds=seconds,
+        )
+    return TranslatableText(
+        "no frame in {count:,} bytes for {seconds} s: another baud, swapped polarity, or "
+        "another device",
+        count=count,
+        seconds=seconds,
+    )
+
+
 class FteSniffError(Exception):
     """Base of all errors that a user can cause; the text is one line for the terminal."""
 

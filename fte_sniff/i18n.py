@@ -60,7 +60,8 @@ def _texts(language: str) -> gettext.NullTranslations:
 
 
 _COUNTED: Final = re.compile(
-    r"(\{(\w+)[^{}]*\} (?:row|byte|command|frame|hit|capture|column))s\b(?! (?:are|match|arrived))"
+    r"(\{(\w+)[^{}]*\} (?:row|byte|command|frame|hit|capture|column|finding|change))s\b"
+    r"(?! (?:are|match|arrived))"
 )
 """A number and its noun in an English text, unless a plural verb follows. Chinese has no plural."""
 

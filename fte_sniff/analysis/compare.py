@@ -17,14 +17,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import inf, log2
+from math import inf, log, log2
 from typing import Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from fte_sniff.analysis import events
-from fte_sniff.analysis.durations import COARSE, bins_of, chosen, middles
+from fte_sniff.analysis.durations import (
+    COARSE,
+    JITTER,
+    Durations,
+    Floats,
+    binned,
+    bins_of,
+    chosen,
+    middles,
+    percentile_of,
+)
 from fte_sniff.analysis.events import Events, Windows
 from fte_sniff.analysis.findings import Cause, find, hidden_text, of_most_motors
 from fte_sniff.analysis.segments import Analysis, Counts
@@ -32,7 +42,7 @@ from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import MOTOR, Table
 from fte_sniff.errors import TranslatableText, listed
 from fte_sniff.i18n import later
-from fte_sniff.protocol.rows import Bools, Ints
+from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, Direction, Fault, Role
 
 BLOCK: Final = 34
@@ -47,10 +57,12 @@ PARTS: Final = 8
 LEAST_VALUES: Final = 20
 """Values of a part, at least."""
 
-PAUSE: Final = 4.0
 SIGMAS: Final = 5.0
 LEAST_SCORE: Final = 10.0
 """Minus the logarithm of the probability of a change by chance."""
+
+ALIKE: Final = 0.5
+"""Motors change alike if one changes at least by this share of another."""
 
 SAME_TARGETS: Final = 0.1
 OTHER_RANGE: Final = 0.25
@@ -65,13 +77,13 @@ class _Time(NamedTuple):
     """A number of a distribution of durations, and what matters of it."""
 
     form: str
-    share: tuple[float, float]
-    """The difference of these quantiles; that of 0 is 0."""
+    percents: tuple[float, float]
+    """The difference of these percentiles; that of 0 is 0. The mean, if both are 0."""
     least_ratio: float
     least_ns: float
 
 
-_MEDIAN, _P99 = (0.0, 0.5), (0.0, 0.99)
+_MEDIAN, _P99 = (0.0, 50.0), (0.0, 99.0)
 _TIMES: Final[Mapping[str, _Time]] = {
     "period": _Time(
         later("{what} come every {after} ms (median), before every {before} ms"),
@@ -86,7 +98,7 @@ _TIMES: Final[Mapping[str, _Time]] = {
     ),
     "jitter": _Time(
         later("the period of {what} varies by {after} ms, before {before} ms"),
-        *((0.05, 0.95), 0.5, 1_000_000),
+        *(JITTER, 0.5, 1_000_000),
     ),
     "delay": _Time(
         later("answers to {what} take {after} ms (median), before {before} ms"),
@@ -118,17 +130,20 @@ MEASURES: Final = (*_TIMES, *_SHARES, "values", "findings")
 
 def counted(table: Table) -> Counts:
     """The counts of a table: those of `events`, and the periods by port, kind, motor and window."""
-    ports = pl.Series(table.rows.ports, dtype=pl.String)
+    ports, keys = pl.Series(table.rows.ports, dtype=pl.String), ("port", "kind", MOTOR)
     own = table.frame.drop_nulls(["kind", "t_ns"])
+    own = own.with_columns(port=ports.gather(own["port"]))
     periods = own["period_ns"].fill_null(0).to_numpy()
     found = own.group_by(
-        *("port", "kind", MOTOR),
+        *keys,
         window=pl.col("t_ns") // (1 << PERIODS),
         bin=pl.Series(np.where(periods > 0, bins_of(periods, COARSE), _NO_PERIOD), dtype=pl.Int64),
     ).agg(pl.len().cast(pl.Int64).alias("sum count"))
     return {
         **events.counted(table),
-        "periods": found.with_columns(ports.gather(found["port"]).alias("port")),
+        **binned("delays", table.answers, ["motor", "kind"], "delay_ns", "end_ns"),
+        **binned("periods", own, keys, "period_ns", "t_ns"),
+        "periods": found,
     }
 
 
@@ -153,8 +168,21 @@ class Number:
     after: float | None
     text: str
     """One sentence, as if it had changed."""
-    score: float = 0.0
-    """How much it changed; 0 if that may be chance, or is too little to matter."""
+    strength: float = 0.0
+    """How much of a change it is: less than 1 may be chance, or is too little to matter."""
+    size: float = 0.0
+    """How much it changed, to compare measures."""
+
+    @property
+    def score(self) -> float:
+        """How much it changed; 0 if that may be chance, or is too little to matter."""
+        return self.size if self.strength >= 1 else 0.0
+
+    def is_like(self, other: Number) -> bool:
+        """Whether it changed as another one of its measure and kind did, at least half as much."""
+        own, that = ((one.after or 0.0) - (one.before or 0.0) for one in (self, other))
+        is_same = (self.measure, self.kind) == (other.measure, other.kind) and own * that >= 0
+        return is_same and min(abs(own), abs(that)) >= ALIKE * max(abs(own), abs(that))
 
 
 class Comparison(NamedTuple):
@@ -167,17 +195,18 @@ class Comparison(NamedTuple):
 
     @property
     def changes(self) -> Sequence[Number]:
-        """The numbers that changed, best first; motors that changed alike are one."""
-        return of_most_motors(
-            sorted((one for one in self.numbers if one.score), key=lambda one: -one.score),
-            lambda one, other: _topic(one) == _topic(other),
-            lambda _group: {},
-        )
+        """The numbers that changed, best first; motors that changed alike are one.
 
-
-def _topic(one: Number) -> tuple[str, str | None, bool]:
-    """What changes of three or four motors have in common that are listed as one."""
-    return one.measure, one.kind, (one.after or 0.0) > (one.before or 0.0)
+        A motor that alone would change too little is named beside one that changed as it did.
+        """
+        named = [one for one in self.numbers if one.score]
+        named += [
+            one
+            for one in self.numbers
+            if ALIKE <= one.strength < 1 and one.motor and any(map(one.is_like, named))
+        ]
+        named.sort(key=lambda one: -one.score)
+        return of_most_motors(named, Number.is_like, lambda _group: {})
 
 
 class _Side(NamedTuple):
@@ -234,55 +263,57 @@ def _pairs(sides: _Sides, missing: _Missing) -> list[tuple[str, str]]:
     return [(name, name) for name in first if name in second]
 
 
-class _Histogram:
+class _Histogram(NamedTuple):
     """Durations of one side, as a whole and in parts of its time."""
 
-    def __init__(self, bins: Ints, parts: Ints) -> None:
-        """`parts` are the counts by part and bin."""
-        self._bins, self.middles, self.parts = bins, middles(bins, COARSE), parts
-        self.counts: Ints = parts.sum(axis=1)
-        """By part."""
-        self._sizes: Ints = np.vstack((parts.sum(axis=0), parts[self.counts >= LEAST_VALUES]))
-        """The counts of the whole, and of the parts with enough values."""
+    whole: Durations
+    lengths_ns: Floats
+    """The middles of the bins of the parts."""
+    parts: Ints
+    """The counts by part and bin."""
 
     @classmethod
-    def of(cls, counts: pl.DataFrame, **keys: object) -> _Histogram:
+    def of(cls, counts: Counts, name: str, **keys: object) -> _Histogram:
         """Those with some keys of counts with `window`, `bin` and `sum count`."""
-        counts = chosen(counts, **keys).filter(pl.col("bin") != _NO_PERIOD)
-        present, at = np.unique(counts["window"].to_numpy(), return_inverse=True)
-        bins, of_bin = np.unique(counts["bin"].to_numpy(), return_inverse=True)
+        own = chosen(counts[name], **keys).filter(pl.col("bin") != _NO_PERIOD)
+        present, at = np.unique(own["window"].to_numpy(), return_inverse=True)
+        bins, of_bin = np.unique(own["bin"].to_numpy(), return_inverse=True)
         parts = np.zeros((PARTS, len(bins)), np.int64)
         part = at * PARTS // max(1, len(present))
-        np.add.at(parts, (part, of_bin), counts["sum count"].to_numpy())
-        return cls(bins, parts)
+        np.add.at(parts, (part, of_bin), own["sum count"].to_numpy())
+        return cls(Durations.of(counts, name, **keys), middles(bins, COARSE), parts)
 
     @property
-    def median(self) -> float:
-        """The median of the whole, nanoseconds; 0 without durations."""
-        return self.each(_MEDIAN)[0] if self.counts.any() else 0.0
+    def without_pauses(self) -> _Histogram:
+        """Those that are not pauses of the host."""
+        kept = self.lengths_ns <= self.whole.pause_ns
+        return _Histogram(self.whole.without_pauses, self.lengths_ns[kept], self.parts[:, kept])
 
     @property
     def is_enough(self) -> bool:
         """Whether half of the parts have enough values."""
-        return len(self._sizes) > PARTS // 2
+        return bool((self.parts.sum(axis=1) >= LEAST_VALUES).sum() >= PARTS // 2)
 
-    def where(self, kept: Bools) -> _Histogram:
-        """Only some of the bins."""
-        return _Histogram(self._bins[kept], self.parts[:, kept])
+    def longer_than(self, ns: float) -> _Pair:
+        """By part, the number of longer durations, and of all."""
+        return self.parts[:, self.lengths_ns > ns].sum(axis=1), self.parts.sum(axis=1)
 
-    def each(self, share: tuple[float, float]) -> list[float]:
-        """A number of the whole, and of each part with enough values, nanoseconds.
+    def each(self, percents: tuple[float, float]) -> list[float]:
+        """A number of the whole, and of each part with enough values, nanoseconds."""
+        large = [own for own in self.parts if own.sum() >= LEAST_VALUES]
+        found = [
+            (self.whole.lengths_ns, self.whole.counts),
+            *((self.lengths_ns, own) for own in large),
+        ]
+        return [_number(*one, percents) for one in found]
 
-        It is the difference of two quantiles, of which that of 0 is 0; the mean if both are 0.
-        """
-        if not any(share):
-            return [float((self.middles * own).sum() / own.sum()) for own in self._sizes]
-        low, high = (
-            np.array([self.middles[np.searchsorted(sum_, one * sum_[-1])] for sum_ in totals])
-            for totals in [np.cumsum(self._sizes, axis=1)]
-            for one in share
-        )
-        return list(map(float, high - low if share[0] else high))
+
+def _number(lengths_ns: Floats, counts: Ints, percents: tuple[float, float]) -> float:
+    """The difference of two percentiles, of which that of 0 is 0; the mean if both are 0."""
+    if not any(percents):
+        return float((lengths_ns * counts).sum() / counts.sum())
+    low, high = (percentile_of(lengths_ns, counts, one) if one else 0.0 for one in percents)
+    return high - low
 
 
 def _times(
@@ -292,18 +323,20 @@ def _times(
     changed = set[str]()
     for measure in measures:
         time = _TIMES[measure]
-        (before, *first), (after, *second) = (side.each(time.share) for side in sides)
+        (before, *first), (after, *second) = (side.each(time.percents) for side in sides)
         spread = max(max(one) - min(one) for one in (first, second))
         least = max(spread, time.least_ns, time.least_ratio * min(before, after))
-        if abs(after - before) > least and (measure != "rate" or "period" not in changed):
+        is_new = measure != "rate" or "period" not in changed
+        strength = abs(after - before) / least if is_new else 0.0
+        if strength >= 1:
             changed.add(measure)
-        ratio = (after + time.least_ns) / (before + time.least_ns)
-        score = abs(log2(ratio)) if measure in changed else 0.0
+        size = abs(log2((after + time.least_ns) / (before + time.least_ns)))
         values, shown = (before / 1e9, after / 1e9), (before / 1e6, after / 1e6)
         if measure == "rate":
             values = shown = 1e9 / before, 1e9 / after
         texts = {"before": f"{shown[0]:.3g}", "after": f"{shown[1]:.3g}"}
-        yield Number(measure, *of, *values, TranslatableText(time.form, what=what, **texts), score)
+        text = TranslatableText(time.form, what=what, **texts)
+        yield Number(measure, *of, *values, text, strength, size)
 
 
 def _too_few(measure: str, kinds: Sequence[str], missing: _Missing) -> None:
@@ -328,27 +361,30 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
     few = list[str]()
     for kind, motor in sorted(keys[0] & keys[1], key=str):
         what, of = _whose(kind, motor), (ports[0], motor, KINDS[kind].name)
-        whole = [_Histogram.of(one, **{"kind": kind, MOTOR: motor}) for one in own]
-        active = [one.where(one.middles <= PAUSE * one.median) for one in whole]
+        names_ = {"kind": kind, MOTOR: motor}
+        whole = [
+            _Histogram.of(side.counts, "periods", port=port, **names_)
+            for side, port in zip(sides, ports, strict=True)
+        ]
+        active = [one.without_pauses for one in whole]
         if not all(one.is_enough for one in active):
             few.append(KINDS[kind].name)
             continue
         yield from _times(active, ("period", "rate", "period_p99", "jitter"), what, of)
         if KINDS[kind].direction is Direction.FEEDBACK:
-            least_ns = max(5e8, *(5 * one.median for one in active))
-            pairs = [(one.where(one.middles > least_ns).counts, one.counts) for one in whole]
-            yield _share("silence", pairs, what, of)
+            least_ns = max(5e8, *(5 * (one.whole.percentile_ns(50) or 0.0) for one in whole))
+            yield _share("silence", [one.longer_than(least_ns) for one in whole], what, of)
     _too_few("period", few, missing)
 
 
 def _of_answers(sides: _Sides, missing: _Missing) -> Iterator[Number]:
     few = list[str]()
     for motor, (code, kind) in product(MOTORS, enumerate(KINDS)):
-        delays = [_Histogram.of(one.counts["delays"], motor=motor, kind=code) for one in sides]
+        delays = [_Histogram.of(one.counts, "delays", motor=motor, kind=code) for one in sides]
         if all(one.is_enough for one in delays):
             of = ("", motor, kind.name)
             yield from _times(delays, ("delay", "delay_p99"), _whose(code, motor), of)
-        elif all(one.counts.any() for one in delays):
+        elif all(one.whole.count for one in delays):
             few.append(kind.name)
     _too_few("delay", few, missing)
 
@@ -405,13 +441,17 @@ def _share(measure: str, sides: Sequence[_Pair], what: str, of: _Of) -> Number:
         counts.append((int(events_.sum()), int(rows.sum())))
     before, after = shares
     difference = abs(after - before)
-    is_large = difference >= _LEAST_SHARE and max(shares) >= _LEAST_RATIO * min(shares)
     error = max(sum(variances) ** 0.5, 1e-12)
-    is_sure = surprise(*counts) >= LEAST_SCORE and difference >= SIGMAS * error
+    strength = min(
+        difference / _LEAST_SHARE,
+        log((max(shares) + 1e-12) / (min(shares) + 1e-12)) / log(_LEAST_RATIO),
+        surprise(*counts) / LEAST_SCORE,
+        difference / (SIGMAS * error),
+    )
     texts = {"before": f"{100 * before:.2g}", "after": f"{100 * after:.2g}"}
     text = TranslatableText(_SHARES[measure], what=what, **texts)
-    score = abs(log2((after + 0.001) / (before + 0.001))) if is_large and is_sure else 0.0
-    return Number(measure, *of, before, after, text, score)
+    size = abs(log2((after + 0.001) / (before + 0.001)))
+    return Number(measure, *of, before, after, text, strength, size)
 
 
 def _of_values(sides: _Sides) -> Iterator[Number]:
@@ -431,8 +471,7 @@ def _of_values(sides: _Sides) -> Iterator[Number]:
             **{"low_before": before[0], "high_before": before[1]},
         )
         first, second = (float(high - low) for low, high in (before, after))
-        score = off if off > OTHER_RANGE else 0.0
-        yield Number("values", "", motor, name, first, second, text, score)
+        yield Number("values", "", motor, name, first, second, text, off / OTHER_RANGE, off)
 
 
 _Range = tuple[int, int]
@@ -465,7 +504,8 @@ def _of_findings(sides: _Sides, missing: _Missing) -> Iterator[Number]:
             if (cause, motor) not in others and cause not in skipped:
                 text = TranslatableText(forms[at], text=one.text)
                 numbers = (1.0 - at, float(at))
-                yield Number("findings", one.port, motor, str(cause), *numbers, text, 2.0 + at)
+                of = (one.port, motor, str(cause))
+                yield Number("findings", *of, *numbers, text, 1.0, 2.0 + at)
     if len(skipped) < len(Cause):
         first, second = (float(len(report.found)) for report in reports)
         yield Number("findings", "", None, None, first, second, TranslatableText("findings"))

@@ -24,6 +24,12 @@ FINE: Final = 10
 COARSE: Final = 6
 """As `FINE`, where the bins of many spans of time are kept: 64 an octave, of 1.1 %."""
 
+PAUSE: Final = 4.0
+"""Periods of more than this many medians are pauses of the host."""
+
+JITTER: Final = (5.0, 95.0)
+"""The percentiles of the shortest and the longest periods of jitter."""
+
 _MANTISSA: Final = 52
 
 
@@ -37,6 +43,12 @@ def middles(bins: Ints, bits: int = FINE) -> Floats:
     low = (bins << (_MANTISSA - bits)).view(np.float64)
     high = ((bins + 1) << (_MANTISSA - bits)).view(np.float64)
     return np.where(high - low > 1, (np.ceil(low) + np.ceil(high) - 1) / 2, np.ceil(low))
+
+
+def percentile_of(lengths_ns: Floats, counts: Ints, percent: float) -> float:
+    """The duration at a percentile, above 0 to 100, of the numbers of durations of some lengths."""
+    totals = np.cumsum(counts)
+    return float(lengths_ns[np.searchsorted(totals, totals[-1] * percent / 100)])
 
 
 def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: str) -> Counts:
@@ -90,10 +102,33 @@ class Durations:
         """A percentile, above 0 to 100, within 0.05 %; None without durations."""
         if self.least_ns is None or self.longest_ns is None:
             return None
-        rank = np.ceil(self.count * percent / 100)
-        at = int(np.searchsorted(np.cumsum(self.counts), rank))
-        middle = float(middles(self.bins[at : at + 1])[0])
+        middle = percentile_of(self.lengths_ns, self.counts, percent)
         return min(max(middle, float(self.least_ns)), float(self.longest_ns))
+
+    @property
+    def lengths_ns(self) -> Floats:
+        """The middles of the bins."""
+        return middles(self.bins)
+
+    @property
+    def pause_ns(self) -> float:
+        """The longest period that is not a pause; 0 without durations."""
+        return PAUSE * (self.percentile_ns(50) or 0.0)
+
+    @property
+    def without_pauses(self) -> Durations:
+        """Those that are not pauses."""
+        kept = self.lengths_ns <= self.pause_ns
+        return Durations(self.bins[kept], self.counts[kept])
+
+    @property
+    def jitter_ns(self) -> float | None:
+        """From the 5 % shortest to the 5 % longest, without pauses; None for less than two."""
+        if self.count < 2:
+            return None
+        own = self.without_pauses
+        low, high = (percentile_of(own.lengths_ns, own.counts, one) for one in JITTER)
+        return high - low
 
 
 def chosen(frame: pl.DataFrame, **keys: object) -> pl.DataFrame:

@@ -38,7 +38,7 @@ from fte_sniff.analysis.spans import surprise
 from fte_sniff.analysis.table import Table
 from fte_sniff.errors import TranslatableText
 from fte_sniff.protocol.items import PortEventKind
-from fte_sniff.protocol.rows import Bools, Ints, Rows, fault_bits
+from fte_sniff.protocol.rows import MOST_BYTES, Bools, Ints, Rows, fault_bits
 from fte_sniff.protocol.spec import (
     KINDS,
     MOTORS,
@@ -95,12 +95,28 @@ _KEYS: Final = {
 }
 
 
+_FORMS: Final = (
+    *("rows", "frames", "damaged", "rows {motor}", "damaged {motor}", "fault {fault}", "{event}"),
+    *("{direction}", "damaged {direction}", "feedback", "online", "free"),
+    *("commands {motor}", "asked {motor}", "missed {motor}", "feedback {motor}"),
+    *("lacking {motor}", "offline {motor}", "errors {motor}", "flagged {motor}"),
+    *("raised {motor}", "raised {motor} bit {bit}", "active {motor}", "silent {motor}"),
+    *("period {kind}", "irregular {kind}", "period {motor} {kind}", "irregular {motor} {kind}"),
+    *("timed {motor} {kind}", "late {motor} {kind}", "target {role} {motor}"),
+    *("present {role} {motor}", "jump {role} {motor}", "held {role} {motor}", "off {role} {motor}"),
+)
+"""The names of all columns."""
+
+
 def named(form: str) -> Iterator[tuple[str, dict[str, Any]]]:
     """The columns of a form such as `missed {motor}`, and what they are about."""
     keys = [key for _, key, *_ in Formatter().parse(form) if key]
     for values in product(*(_KEYS[key] for key in keys)):
         names = dict(zip(keys, values, strict=True))
         yield form.format(**names), names
+
+
+_NAMES: Final = frozenset(name for form in _FORMS for name, _ in named(form))
 
 
 # Events that depend on the frames beside them; none of them spans a gap
@@ -205,7 +221,24 @@ def counted(table: Table) -> Counts:
     for at, one in enumerate(own):
         of_ports.add(one.kind, np.array([at]), port=one.port)
     windows = pl.concat([counter.frame(), of_ports.frame()])
-    return {"windows": windows, "delays": delays, **extent_of(table)}
+    return {"windows": windows, "delays": delays, "noise": _noise(table), **extent_of(table)}
+
+
+def _noise(table: Table) -> pl.DataFrame:
+    """The bytes outside of frames, by port: their number, range and times."""
+    rows, ports = table.rows, pl.Series(table.rows.ports, dtype=pl.String)
+    own = rows.select(table.counted[~rows.framed[table.counted] & rows.timed[table.counted]])
+    raw = np.where(np.arange(MOST_BYTES) < own.length[:, None], own.raw, own.raw[:, :1])
+    columns = {"port": ports.gather(own.port), "size": own.length, "t_ns": own.t_ns}
+    frame = pl.DataFrame({**columns, "low": raw.min(axis=1), "high": raw.max(axis=1)})
+    return frame.group_by("port").agg(
+        pl.len().cast(pl.Int64).alias("sum rows"),
+        pl.col("size").cast(pl.Int64).sum().alias("sum bytes"),
+        pl.col("low").min().alias("least byte"),
+        pl.col("high").max().alias("greatest byte"),
+        pl.col("t_ns").min().alias("least t"),
+        pl.col("t_ns").max().alias("greatest t"),
+    )
 
 
 ANALYSIS: Final = Analysis(counted)
@@ -218,6 +251,7 @@ def _count_port(counter: _Counter, rows: Rows, hints: Ints, code: int) -> None:
     is_damaged = rows.is_malformed[own]
     motors = np.where(is_damaged, hints[own], np.where(NAMES_MOTOR[kinds], rows.nums[own], 0))
     counter.add("rows", own, port=port)
+    counter.add("frames", own[rows.framed[own]], port=port)
     counter.add("damaged", own[is_damaged], port=port)
     for motor in MOTORS:
         counter.add(f"rows {motor}", own[motors == motor], port=port)
@@ -341,7 +375,9 @@ class Windows(dict[str, EventCounts]):
             np.maximum.at(found.high, at, own["greatest high"].to_numpy())
 
     def __missing__(self, name: str) -> EventCounts:
-        """A column without events."""
+        """A column without events; raises KeyError if there is not one of this name."""
+        if name not in _NAMES:
+            raise KeyError(name)
         return EventCounts(*(np.full(len(self.starts_ns), one) for one in _NO_EVENTS))
 
     def total(self, name: str) -> int:
@@ -355,6 +391,7 @@ class Events:
     def __init__(self, counts: Counts) -> None:
         columns, self.hidden_by = counts["windows"], counts["hidden"]["hidden_by"].to_list()
         self.extent: dict[str, Any] = counts["extent"].row(0, named=True)
+        self.noise = counts["noise"].to_dicts()
         starts = columns["window"].unique().sort().to_numpy()
         width_ns = 1 << max(SHIFT, width_of(starts))
         self.usual, late = _late(counts["delays"])

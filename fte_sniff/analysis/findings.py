@@ -30,11 +30,12 @@ from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import DEADLINE_NS, LATE
 from fte_sniff.analysis.segments import Counts
 from fte_sniff.analysis.spans import MOST_SPANS, BadSpan, spans_of, surprise
-from fte_sniff.errors import Joint, TranslatableText, listed, printable
+from fte_sniff.errors import Joint, TranslatableText, listed, printable, unframed_text
 from fte_sniff.i18n import later
 from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import Ints
 from fte_sniff.protocol.spec import (
+    FEW_BYTES,
     MOTORS,
     SUSPECT_FAULTS,
     Direction,
@@ -196,6 +197,11 @@ def _series_of(
         yield _Series(case, events, windows, port, names, windows[column], rows)
 
 
+def _port_event(series: _Series, own: slice) -> _Values:
+    once = {"form": "{meaning}"} if series.events_in(series.case.events, own) == 1 else {}
+    return {"meaning": _PORT_EVENTS[PortEventKind(series.case.events)], **once}
+
+
 def _damage(series: _Series, own: slice) -> _Values:
     events, found = series.events_in(series.case.events, own), list[str]()
     damage = [one for one in Fault if one not in SUSPECT_FAULTS]
@@ -257,7 +263,7 @@ _CASES: Final = (
         _Case(
             *(Cause.PORT, kind, "rows", later("{meaning}, {events} times")),
             "line_error" if kind is PortEventKind.LINE_ERROR else "",
-            lambda series, _own: {"meaning": _PORT_EVENTS[PortEventKind(series.case.events)]},
+            _port_event,
             sure=3 if kind is PortEventKind.LINE_ERROR else 1,  # a few may come from a plug
             of_port=True,
         )
@@ -520,6 +526,7 @@ def find(counts: Counts) -> Report:
     series = [*_series(events)]
     found = [
         *_lost_ports(events),
+        *_without_frames(events),
         *(finding for one in series for finding in _examined(one)),
         *_slower(events),
         *_more(series),
@@ -552,7 +559,7 @@ def _uncovered(events: Events) -> dict[Cause, TranslatableText]:
     )
     reasons: Sequence[tuple[object, Iterable[Cause], TranslatableText]] = (
         (not of["sum rows"], Cause, text("the input has no rows")),
-        (not of["sum frames"], Cause, text("no row is a frame; is the baud rate right?")),
+        (not of["sum frames"], [*Cause][1:], text("no row is a frame; is the baud rate right?")),
         (not of["sum timed"], Cause, text("no row has a time; try --start")),
         (events.hidden_by, [*Cause][1:], hidden_text(events.hidden_by)),
         (not asked, (Cause.IRREGULAR_COMMANDS,), text("commands are missing")),
@@ -566,6 +573,18 @@ def _uncovered(events: Events) -> dict[Cause, TranslatableText]:
         for cause in causes if holds else ():
             missing.setdefault(cause, why)
     return missing
+
+
+def _without_frames(events: Events) -> Iterator[Finding]:
+    """Ports on which only bytes without a frame came."""
+    for one in events.noise:
+        port, (first, last) = one["port"], (one["least t"], one["greatest t"])
+        if one["sum bytes"] >= FEW_BYTES and not events.ports[port].total("frames"):
+            ends, seconds = (one["least byte"], one["greatest byte"]), (last - first) // 10**9
+            text = unframed_text(*ends, one["sum bytes"], seconds)
+            rows = (one["sum rows"], one["sum rows"])
+            shown = f"port = {quoted(port)}" if len(events.ports) > 1 else ""
+            yield Finding(Cause.PORT, port, None, None, first, last, *rows, 1.0, text, shown, inf)
 
 
 def _lost_ports(events: Events) -> Iterator[Finding]:

@@ -9,16 +9,13 @@ from typing import Final
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import FAULT_BITS
-from fte_sniff.protocol.spec import Direction, Fault
+from fte_sniff.protocol.spec import FEW_BYTES, Direction, Fault
 
 SOUND_SHARE: Final = 0.9
 """Share of bytes in readable frames from which a line is sound."""
 
 DAMAGED_SHARE: Final = 0.2
 """Share of bytes in readable frames from which the baud rate is right, but the line is bad."""
-
-FEW_BYTES: Final = 30
-"""Fewer bytes than this without a frame give no diagnosis."""
 
 _LOW_SHARE: Final = 0.97
 

@@ -259,8 +259,6 @@ def _streams(counts: Counts, port: str) -> Iterator[Json]:
     for one in chosen(counts["streams"], port=port).sort("kind", MOTOR).iter_rows(named=True):
         keys = {"port": port, "kind": one["kind"], MOTOR: one[MOTOR]}
         periods = Durations.of(counts, "periods", **keys)
-        low, high = periods.percentile_ns(5), periods.percentile_ns(95)
-        known = periods.count > 1 and low is not None and high is not None
         is_timed = one["sum period_ns"] > 0
         yield {
             "kind": KINDS[one["kind"]].name,
@@ -268,7 +266,7 @@ def _streams(counts: Counts, port: str) -> Iterator[Json]:
             "frames": one["sum frames"],
             "frames_per_s": one["sum periods"] * 1e9 / one["sum period_ns"] if is_timed else None,
             "period": _durations(periods),
-            "jitter_s": (high - low) / 1e9 if known else None,  # type: ignore[operator]
+            "jitter_s": _seconds(periods.jitter_ns),
             "values": {
                 name: {"least": one[f"least {name}"], "greatest": one[f"greatest {name}"]}
                 for name in QUANTITIES

@@ -12,15 +12,14 @@ from __future__ import annotations
 from math import inf
 from typing import Final
 
-from fte_sniff.errors import TranslatableText
+from fte_sniff.errors import TranslatableText, unframed_text
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
+from fte_sniff.protocol.spec import FEW_BYTES
 
 DEFAULT_SILENCE_S: Final = 2.0
 """Seconds without a byte after which a wire is reported as silent."""
 NO_FRAME_NS: Final = 5_000_000_000
 """How long bytes without a frame come before they are reported."""
-FEW_BYTES: Final = 30
-"""Fewer bytes without a frame are not reported."""
 
 
 class SilenceWatch:
@@ -76,25 +75,14 @@ class SilenceWatch:
         return self._event(t_ns, PortEventKind.WIRING, self._what(), 0)
 
     def _what(self) -> TranslatableText:
-        """What bytes without a frame are."""
-        seconds = NO_FRAME_NS // 1_000_000_000
-        if self._values == {0}:
-            return TranslatableText(
-                "only 00 for {seconds} s: the wire is held low (a break, no power, no ground), or "
-                "far slower than the baud",
-                seconds=seconds,
-            )
-        if len(self._values) == 1:
-            return TranslatableText(
-                "only {byte} for {seconds} s: an open wire, swapped polarity, or another baud",
-                byte=f"{min(self._values):02X}",
-                seconds=seconds,
-            )
+        """What bytes without a frame are, and how to find another baud."""
+        lowest, highest = min(self._values), max(self._values)
+        what = unframed_text(lowest, highest, self._count, NO_FRAME_NS // 1_000_000_000)
+        if lowest == highest:
+            return what
         return TranslatableText(
-            "no frame in {count:,} bytes for {seconds} s: another baud, swapped polarity, or "
-            "another device; `fte-sniff doctor {port} --probe` tries other bauds",
-            count=self._count,
-            seconds=seconds,
+            "{what}; `fte-sniff doctor {port} --probe` tries other bauds",
+            what=what,
             port=self._port,
         )
 

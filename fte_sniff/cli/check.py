@@ -122,7 +122,8 @@ def _lines(verdicts: Sequence[Verdict], zone: tzinfo) -> Iterator[Text]:
     rows = []
     for one in verdicts:
         mark = LOOKS[Status.MALFORMED if one.refuses else Status.OK].mark
-        measured = UNKNOWN if one.value is None else f"{one.value:{_NUMBER}} {one.rule.unit}"
+        value, unit = one.value, one.rule.unit
+        measured = UNKNOWN if value is None else _(f"{{value:{_NUMBER}}} {unit}", value=value)
         expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
         allowed = " (allowed)" * (one.result == "not covered" and not one.refuses)
         name = f"{mark} {printable(one.rule.name)}"

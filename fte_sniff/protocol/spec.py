@@ -29,6 +29,9 @@ CMD_OFFSET = 1
 NUM_OFFSET = 2
 MOTORS = range(1, 5)
 
+FEW_BYTES = 30
+"""Fewer bytes than this without a frame do not show what is wrong."""
+
 DEFAULT_BAUD = 115_200
 """Bits per second on the controller's line, 8N1."""
 

@@ -116,7 +116,9 @@ WITH_DETAIL: Final = later("{event}: {detail}")
 def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
     """A port event on one line, with its time of day in a zone."""
     text = f"{event.port} {_(event_words(event.kind))}"
-    if event.detail:
+    if event.detail.startswith(event_words(event.kind)):
+        text = f"{event.port} {_detail(event.detail)}"
+    elif event.detail:
         text = _(WITH_DETAIL, event=text, detail=_detail(event.detail))
     return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
 

@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.compare_quality import CHANGES, Host, counts_of, halves, is_found, pair
-from fte_sniff.analysis.compare import MEASURES, Comparison, compared, counted
+from fte_sniff.analysis import statistics
+from fte_sniff.analysis.compare import MEASURES, Comparison, Number, compared, counted
 from fte_sniff.analysis.segments import Counts, added, summed
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Item, Row, Rows, fault_bits
@@ -173,6 +174,28 @@ def test_anything_can_be_compared(one: list[Row | Item], other: list[Row | Item]
 def test_percentile_is_named_beside_its_median() -> None:
     found = pair(5, lambda host: setattr(host, "slower", host.slower * 3))
     assert {"delay", "delay_p99"} <= {one.measure for one in found.changes}
+
+
+def test_jitter_is_that_of_the_statistics() -> None:
+    counts = summed(map(statistics.counted, segments([side()])))
+    (port,) = statistics.statistics(counts)["ports"]
+    figures = {(one["kind"], one["motor"]): one["jitter_s"] for one in port["streams"]}
+    found = {(one.kind, one.motor): one for one in after(side()).numbers if one.measure == "jitter"}
+    assert found.keys() == figures.keys()
+    for key, one in found.items():
+        assert one.before == one.after == figures[key]
+
+
+@pytest.mark.parametrize(("last", "motors"), [(0.004, "1, 2, 3, 4"), (0.0005, "1, 2, 3")])
+def test_motor_that_alone_changes_enough_is_not_named_alone(last: float, motors: str) -> None:
+    strengths = {0.0041: 0.9, 0.0045: 1.1, 0.0038: 0.8, last: last * 200}
+    numbers = [
+        Number("unanswered", "", motor, None, 0.0003, share, f"motor {motor} ...", strength, 1.0)
+        for motor, (share, strength) in enumerate(strengths.items(), 1)
+    ]
+    assert [one.motor for one in numbers if one.score] == [2]
+    (change,) = Comparison(numbers, []).changes
+    assert (change.motor, change.text) == (None, f"motors {motors} alike: motor 2 ...")
 
 
 def test_three_motors_that_change_alike_are_one_change() -> None:

@@ -1,14 +1,13 @@
 from __future__ import annotations
 
 import polars as pl
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import TABLE_SCHEMA, column_dtype, row_frame, table_frame
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, row_frame, table_frame
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, record
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import VALUE_FIELDS, Fault, Field
+from fte_sniff.protocol.spec import Fault
 from tests.support.columns import rows_from
 
 ROWS = st.lists(st.from_type(Row), max_size=12)
@@ -43,10 +42,3 @@ def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[s
 def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:
     frame = row_frame(rows_from([Row("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,), framed=False)]))
     assert frame["port"].to_list() == ["/dev/?"]
-
-
-@pytest.mark.parametrize("field", VALUE_FIELDS, ids=lambda field: field.name)
-def test_the_type_of_a_field_holds_its_range(field: Field) -> None:
-    ends = [field.low, field.high]
-    dtype = column_dtype(COLUMN_BY_NAME[field.name])
-    assert pl.Series(ends, dtype=dtype).to_list() == ends

@@ -202,6 +202,7 @@ def test_little_damage_is_of_a_motor_if_most_of_it_is(
         (PortEventKind.LINE_ERROR, 2, False),
         (PortEventKind.LINE_ERROR, 5, True),
         (PortEventKind.OVERRUN, 1, True),
+        (PortEventKind.OVERRUN, 2, True),
     ],
 )
 def test_errors_of_a_port_are_a_finding_with_their_times(
@@ -210,10 +211,10 @@ def test_errors_of_a_port_are_a_finding_with_their_times(
     rows = recording(np.random.default_rng(5), 300, None)
     times = [START_NS + 100 * SECOND + n * SECOND // 3 for n in range(count)]
     happened = [PortEvent(t_ns, "bus", kind, "") for t_ns in times]
-    found = [
-        (one.cause, one.events, one.first_ns, one.last_ns) for one in find(rows, happened=happened)
-    ]
-    assert found == [(Cause.PORT, count, times[0], times[-1])] * is_wrong
+    found = find(rows, happened=happened)
+    spans = [(one.cause, one.events, one.first_ns, one.last_ns) for one in found]
+    assert spans == [(Cause.PORT, count, times[0], times[-1])] * is_wrong
+    assert [one.text.endswith(f", {count} times") for one in found] == [count > 1] * is_wrong
 
 
 @given(some.captures(), st.integers(1, 12))
@@ -304,7 +305,7 @@ def test_recording_of_selected_rows_is_not_examined() -> None:
     ("rows", "causes", "why"),
     [
         ([], len(Cause), "the input has no rows"),
-        ([some.damage(0)], len(Cause), "no row is a frame; is the baud rate right?"),
+        ([some.damage(0)], len(Cause) - 1, "no row is a frame; is the baud rate right?"),
         ([some.frame("speed", None)], len(Cause), "no row has a time; try --start"),
         ([some.frame("speed", 0)], 5, "feedback is missing: only one wire was recorded"),
         ([some.frame("speed_feedback", 0)], 5, "no command awaits an answer"),
@@ -314,6 +315,33 @@ def test_what_rows_cannot_show_is_named(rows: list[Row], causes: int, why: str) 
     found = find_counted(events.counted(table_of([*rows])))
     assert [str(one) for one in found.not_covered.values()].count(why) == causes
     assert any(why in line for line in found.coverage())
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (bytes(2), "only 00 for 9 s: the wire is held low (a break, no power, no ground)"),
+        (b"\xff\xff", "only FF for 9 s: an open wire"),
+        (b"\x01\x02", "no frame in 40 bytes for 9 s: another baud"),
+    ],
+)
+def test_wire_without_a_frame_is_what_it_is(data: bytes, text: str) -> None:
+    rows = [some.damage(at, data) for at in range(0, 10_000, 500)]
+    (found,) = report(rows_from(rows)).found
+    assert (found.cause, found.port, found.events) == (Cause.PORT, "a", 20)
+    assert found.text.startswith(text)
+    (other,) = report(rows_from([*rows, some.frame("speed", 10_000)])).found
+    assert other.cause is Cause.DAMAGE
+    two = [*rows, *(replace(one, port="b") for one in some.polled(200))]
+    found, *_ = report(rows_from(sorted(two, key=lambda row: row.t_ns or 0))).found
+    assert (found.port, found.filter) == ("a", "port = 'a'")
+
+
+def test_misspelt_column_is_an_error() -> None:
+    windows = events.Events(events.counted(table_of(some.polled(2)))).windows
+    assert windows.total("missed 1") == 0
+    with pytest.raises(KeyError, match="mised 1"):
+        windows["mised 1"]
 
 
 @given(st.lists(st.integers(0, 3), max_size=60), st.integers(0, 60))

@@ -121,11 +121,6 @@ def test_motor_that_does_not_follow_is_off_target() -> None:
     assert states(rows)[1].text == "off target"
 
 
-def test_commands_without_feedback_say_nothing() -> None:
-    rows = [row for row in HEALTHY if row.raw[:1] == b"\xaa"]
-    assert {one.text for one in states(rows)} == {"–"}
-
-
 def test_rows_without_times_have_values_and_no_rates() -> None:
     rows = rows_from([frame("speed", None, rpm=7), frame("speed_feedback", None, rpm=7)])
     table = table_of([*rows])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from fte_sniff.analysis.segments import Segments, added
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.rows import FACTS, NO_FACT, Item, Row, Rows
-from tests.analysis.captures import captures, frame, items_of, polled, table_of
+from tests.analysis.captures import captures, items_of, polled, table_of
 from tests.support.columns import rows_from
 
 
@@ -64,15 +64,6 @@ def test_selected_rows_are_measured_among_themselves() -> None:
         *whole.frame["step_ns"].to_list()
     ]
     assert sum(len(one.answers) for one in parts) == len(whole.answers) == 30
-
-
-def test_sources_are_named_by_row() -> None:
-    cutter = Segments(most=2**62)
-    for name in ("one", "two"):
-        cutter.begin(name)
-        assert not [*cutter.push(rows_from([frame("speed", 0), frame("speed", 1)]))]
-    table = cutter.rest()
-    assert [table.sources[code] for code in table.source] == ["one", "one", "two", "two"]
 
 
 def test_counts_add_up_as_their_names_say() -> None:

@@ -83,10 +83,6 @@ def test_a_time_of_day_uses_the_day_of_its_zone(text: str, zone: tzinfo, same: s
     assert clock.on_day_of(late, zone) == time_ns(same)
 
 
-def test_a_time_without_a_zone_uses_the_default_zone() -> None:
-    assert time_ns("2026-01-31 20:00", CHINA) == NOON_NS
-
-
 @pytest.mark.parametrize(
     ("text", "ns"),
     [

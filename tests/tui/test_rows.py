@@ -10,6 +10,7 @@ import pytest
 
 from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.tui.app import SniffApp
+from fte_sniff.tui.cells import event_text
 from fte_sniff.tui.view import View
 from tests.tui.conftest import (
     NOON_NS,
@@ -323,3 +324,16 @@ def test_random_sizes_leave_the_cursor_in_the_window(feed: ListFeed) -> None:
             assert viewport.top <= viewport.cursor < viewport.top + max(1, viewport.height)
 
     play(feed, scenario)
+
+
+@pytest.mark.parametrize(
+    ("kind", "detail", "text"),
+    [
+        ("silent", "silent for 2.0 s", "a silent for 2.0 s"),
+        ("bytes_again", "frames again after 3.0 s", "a bytes again: frames again after 3.0 s"),
+        ("opened", "", "a opened"),
+    ],
+)
+def test_event_has_its_word_once(kind: str, detail: str, text: str) -> None:
+    event = PortEvent(0, "a", PortEventKind(kind), detail)
+    assert event_text(event) == f"00:00:00.000  {text}"
