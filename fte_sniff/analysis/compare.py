@@ -26,14 +26,12 @@ import polars as pl
 from fte_sniff.analysis import events
 from fte_sniff.analysis.durations import (
     COARSE,
+    FINE,
     JITTER,
     Durations,
-    Floats,
     binned,
     bins_of,
     chosen,
-    middles,
-    percentile_of,
 )
 from fte_sniff.analysis.events import Events, Windows
 from fte_sniff.analysis.findings import Cause, find, hidden_text, of_most_motors
@@ -57,6 +55,7 @@ PARTS: Final = 8
 LEAST_VALUES: Final = 20
 """Values of a part, at least."""
 
+PAUSE: Final = 4.0
 SIGMAS: Final = 5.0
 LEAST_SCORE: Final = 10.0
 """Minus the logarithm of the probability of a change by chance."""
@@ -267,10 +266,8 @@ class _Histogram(NamedTuple):
     """Durations of one side, as a whole and in parts of its time."""
 
     whole: Durations
-    lengths_ns: Floats
-    """The middles of the bins of the parts."""
-    parts: Ints
-    """The counts by part and bin."""
+    parts: Sequence[Durations]
+    """Within 1.1 %."""
 
     @classmethod
     def of(cls, counts: Counts, name: str, **keys: object) -> _Histogram:
@@ -281,38 +278,34 @@ class _Histogram(NamedTuple):
         parts = np.zeros((PARTS, len(bins)), np.int64)
         part = at * PARTS // max(1, len(present))
         np.add.at(parts, (part, of_bin), own["sum count"].to_numpy())
-        return cls(Durations.of(counts, name, **keys), middles(bins, COARSE), parts)
-
-    @property
-    def without_pauses(self) -> _Histogram:
-        """Those that are not pauses of the host."""
-        kept = self.lengths_ns <= self.whole.pause_ns
-        return _Histogram(self.whole.without_pauses, self.lengths_ns[kept], self.parts[:, kept])
+        inside = (2 * bins + 1) << FINE - COARSE - 1  # the bin in the middle of a coarse one
+        return cls(Durations.of(counts, name, **keys), [Durations(inside, one) for one in parts])
 
     @property
     def is_enough(self) -> bool:
         """Whether half of the parts have enough values."""
-        return bool((self.parts.sum(axis=1) >= LEAST_VALUES).sum() >= PARTS // 2)
+        return sum(one.count >= LEAST_VALUES for one in self.parts) >= PARTS // 2
+
+    def up_to(self, ns: float) -> _Histogram:
+        """Those that are not longer."""
+        return _Histogram(self.whole.up_to(ns), [one.up_to(ns) for one in self.parts])
 
     def longer_than(self, ns: float) -> _Pair:
         """By part, the number of longer durations, and of all."""
-        return self.parts[:, self.lengths_ns > ns].sum(axis=1), self.parts.sum(axis=1)
+        counts = np.array([one.count for one in self.parts])
+        return counts - [one.up_to(ns).count for one in self.parts], counts
 
     def each(self, percents: tuple[float, float]) -> list[float]:
         """A number of the whole, and of each part with enough values, nanoseconds."""
-        large = [own for own in self.parts if own.sum() >= LEAST_VALUES]
-        found = [
-            (self.whole.lengths_ns, self.whole.counts),
-            *((self.lengths_ns, own) for own in large),
-        ]
-        return [_number(*one, percents) for one in found]
+        large = [one for one in self.parts if one.count >= LEAST_VALUES]
+        return [_number(one, percents) for one in (self.whole, *large)]
 
 
-def _number(lengths_ns: Floats, counts: Ints, percents: tuple[float, float]) -> float:
+def _number(own: Durations, percents: tuple[float, float]) -> float:
     """The difference of two percentiles, of which that of 0 is 0; the mean if both are 0."""
     if not any(percents):
-        return float((lengths_ns * counts).sum() / counts.sum())
-    low, high = (percentile_of(lengths_ns, counts, one) if one else 0.0 for one in percents)
+        return float((own.lengths_ns * own.counts).sum() / own.count)
+    low, high = ((own.percentile_ns(one) or 0.0) if one else 0.0 for one in percents)
     return high - low
 
 
@@ -366,13 +359,15 @@ def _of_streams(sides: _Sides, ports: tuple[str, str], missing: _Missing) -> Ite
             _Histogram.of(side.counts, "periods", port=port, **names_)
             for side, port in zip(sides, ports, strict=True)
         ]
-        active = [one.without_pauses for one in whole]
+        medians = [one.whole.percentile_ns(50) or 0.0 for one in whole]
+        active = [one.up_to(PAUSE * ns) for one, ns in zip(whole, medians, strict=True)]
         if not all(one.is_enough for one in active):
             few.append(KINDS[kind].name)
             continue
-        yield from _times(active, ("period", "rate", "period_p99", "jitter"), what, of)
+        yield from _times(active, ("period", "rate", "period_p99"), what, of)
+        yield from _times(whole, ("jitter",), what, of)
         if KINDS[kind].direction is Direction.FEEDBACK:
-            least_ns = max(5e8, *(5 * (one.whole.percentile_ns(50) or 0.0) for one in whole))
+            least_ns = max(5e8, 5 * max(medians))
             yield _share("silence", [one.longer_than(least_ns) for one in whole], what, of)
     _too_few("period", few, missing)
 

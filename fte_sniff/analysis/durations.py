@@ -9,7 +9,8 @@ The number of a bin is the start of a float: its exponent and the next ten bits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Final
 
 import numpy as np
@@ -23,9 +24,6 @@ FINE: Final = 10
 
 COARSE: Final = 6
 """As `FINE`, where the bins of many spans of time are kept: 64 an octave, of 1.1 %."""
-
-PAUSE: Final = 4.0
-"""Periods of more than this many medians are pauses of the host."""
 
 JITTER: Final = (5.0, 95.0)
 """The percentiles of the shortest and the longest periods of jitter."""
@@ -43,12 +41,6 @@ def middles(bins: Ints, bits: int = FINE) -> Floats:
     low = (bins << (_MANTISSA - bits)).view(np.float64)
     high = ((bins + 1) << (_MANTISSA - bits)).view(np.float64)
     return np.where(high - low > 1, (np.ceil(low) + np.ceil(high) - 1) / 2, np.ceil(low))
-
-
-def percentile_of(lengths_ns: Floats, counts: Ints, percent: float) -> float:
-    """The duration at a percentile, above 0 to 100, of the numbers of durations of some lengths."""
-    totals = np.cumsum(counts)
-    return float(lengths_ns[np.searchsorted(totals, totals[-1] * percent / 100)])
 
 
 def binned(name: str, frame: pl.DataFrame, keys: Sequence[str], ns: str, until: str) -> Counts:
@@ -98,37 +90,29 @@ class Durations:
         """The number of durations."""
         return int(self.counts.sum())
 
-    def percentile_ns(self, percent: float) -> float | None:
-        """A percentile, above 0 to 100, within 0.05 %; None without durations."""
-        if self.least_ns is None or self.longest_ns is None:
-            return None
-        middle = percentile_of(self.lengths_ns, self.counts, percent)
-        return min(max(middle, float(self.least_ns)), float(self.longest_ns))
-
     @property
     def lengths_ns(self) -> Floats:
         """The middles of the bins."""
         return middles(self.bins)
 
-    @property
-    def pause_ns(self) -> float:
-        """The longest period that is not a pause; 0 without durations."""
-        return PAUSE * (self.percentile_ns(50) or 0.0)
-
-    @property
-    def without_pauses(self) -> Durations:
-        """Those that are not pauses."""
-        kept = self.lengths_ns <= self.pause_ns
-        return Durations(self.bins[kept], self.counts[kept])
+    def percentile_ns(self, percent: float) -> float | None:
+        """A percentile, above 0 to 100, within 0.05 %; None without durations."""
+        totals = np.cumsum(self.counts)
+        if not self.count:
+            return None
+        middle = float(self.lengths_ns[np.searchsorted(totals, totals[-1] * percent / 100)])
+        return min(max(middle, self.least_ns or 0), self.longest_ns or inf)
 
     @property
     def jitter_ns(self) -> float | None:
-        """From the 5 % shortest to the 5 % longest, without pauses; None for less than two."""
-        if self.count < 2:
-            return None
-        own = self.without_pauses
-        low, high = (percentile_of(own.lengths_ns, own.counts, one) for one in JITTER)
-        return high - low
+        """From the 5 % shortest to the 5 % longest; None for less than two."""
+        low, high = (self.percentile_ns(one) for one in JITTER)
+        return None if self.count < 2 or low is None or high is None else high - low
+
+    def up_to(self, ns: float) -> Durations:
+        """Those that are not longer."""
+        kept = self.lengths_ns <= ns
+        return replace(self, bins=self.bins[kept], counts=self.counts[kept])
 
 
 def chosen(frame: pl.DataFrame, **keys: object) -> pl.DataFrame:
