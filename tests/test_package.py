@@ -37,6 +37,28 @@ def test_version_is_that_of_the_package() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+", fte_sniff.__version__)
 
 
+def rows_of_where() -> list[str]:
+    """The rows of the table "Where do I put" of CONTRIBUTING."""
+    text = (TOP / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    return re.findall(r"^\| an? .*\|$", text.partition("## Where do I put")[2], re.MULTILINE)
+
+
+@pytest.mark.parametrize("row", rows_of_where(), ids=lambda row: row.split("|")[1].strip())
+def test_where_a_new_thing_goes_exists(row: str) -> None:
+    words = re.findall(r"`([\w./-]+)`", row)
+    names = [word for word in words if re.search(r"[./]", word) and not re.search("[A-Z]", word)]
+    places = {word: [TOP / word, TOP / "fte_sniff" / word] for word in names if "__" not in word}
+    assert [word for word, paths in places.items() if not any(map(Path.exists, paths))] == []
+    files = [one for paths in places.values() for one in paths if one.is_file()]
+    text = "".join(one.read_text(encoding="utf-8") for one in files)
+    plain = [word for word in words if re.fullmatch(r"\w+", word) and "__" not in word]
+    assert [word for word in plain if not re.search(rf"\b{word}\b", text)] == []
+
+
+def test_where_has_few_rows() -> None:
+    assert 0 < len(rows_of_where()) <= 12
+
+
 READMES = ("README.md", "README.zh-CN.md")
 
 
