@@ -1,7 +1,7 @@
 """Recording: the rows, port events and gaps of one MCAP file.
 
     chunks     c1   c2   c3 (damaged)   c4          `contents_of`, `walk`
-    batches    [c1  c2   c3]            [c4]        threads unpack ahead, numpy decodes
+    batches    [c1  c2   c3]            [c4]        a thread unpacks ahead, numpy decodes
     items      Rows PortEvent Rows  Gap  Rows       in file order
 
 `grow` finds the chunks that another program added; `read` reads chunks again.
@@ -60,18 +60,18 @@ from fte_sniff.recording.schema import (
     schema_name,
 )
 from fte_sniff.recording.skeletons import (
+    LONGEST,
     MESSAGE_HEAD,
     MessageDecoder,
     Messages,
     MessageType,
+    at_every_byte,
 )
 
 BATCH: Final = 1024 * 1024
 """Unpacked bytes of one batch, at most; a larger chunk is one: it is not copied."""
-_THREADS: Final = 2
-"""Threads that unpack batches: more than one thread that decodes can use."""
-_AHEAD: Final = 3
-"""Batches that are unpacked before their turn."""
+_AHEAD: Final = 2
+"""Batches that a thread unpacks before their turn."""
 _LATEST: Final = 2**63 - 1
 _MOST_TOPICS: Final = 10
 _MOST_LOSSES: Final = 10
@@ -218,7 +218,7 @@ class Recording:
         lost = {one for one in self.contents.lost if one.start not in starts}
         lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
         jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
-        with ThreadPoolExecutor(_THREADS) as threads, self._open() as file:
+        with ThreadPoolExecutor(1) as threads, self._open() as file:
             for group in _groups(sorted([*within, *lost], key=lambda one: one.start)):
                 jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
                 if len(jobs) > _AHEAD:
@@ -294,23 +294,16 @@ class Recording:
 
     def _items_of(self, group: _Group, parts: list[Messages | LostBytes]) -> Iterator[Item]:
         """The rows, port events and gaps of a group that was unpacked."""
-        whole: list[Messages] = []
         for part in parts:
             if isinstance(part, Messages):
-                whole.append(part)
+                yield from self._decode(group, part)
                 continue
-            yield from self._decode(group, whole)
-            whole = []
             self.contents.lost.add(part)
             yield Gap(GapKind.DAMAGE, reason=part.why)
-        yield from self._decode(group, whole)
 
-    def _decode(self, group: _Group, parts: list[Messages]) -> Iterator[Item]:
+    def _decode(self, group: _Group, messages: Messages) -> Iterator[Item]:
         """The rows and port events of consecutive chunks of a group."""
-        if not parts:
-            return
-        self._define_from(parts if not self.contents.is_indexed else ())
-        messages = Messages.joined(parts)
+        self._define_from([messages] if not self.contents.is_indexed else ())
         used = np.flatnonzero(np.bincount(messages.channels)).tolist()
         channels = {id_: own for id_ in used if (own := self._channel(id_)) is not None}
         found = self._decoder.decode(messages, channels)
@@ -428,20 +421,57 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
 
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
-    """Read and unpack chunks, in a thread."""
-    found: list[Messages | LostBytes] = []
-    for one in group:
-        if isinstance(one, LostBytes):
-            found.append(one)
-            continue
-        data = read_at(descriptor, one.end - one.start, one.start)
-        try:
-            records = unpack(memoryview(data)[HEAD.size : one.stop - one.start])
-            indexes = memoryview(data)[one.stop - one.start :]
-            found.append(_indexed(indexes, records) or _walked(records))
-        except DamagedError as error:
-            found.append(LostBytes(one.start, one.stop, error.args[0]))
-    return found
+    """Read and unpack chunks, in a thread; several small ones together, if nothing is lost."""
+    parts = [_read(descriptor, one) for one in group]
+    whole = [part[0] for part in parts if not isinstance(part, LostBytes)]
+    if 1 < len(whole) == len(parts) and (found := _scanned(b"".join(whole))) is not None:
+        return [found]
+    return [_messages_in(*pair) for pair in zip(group, parts, strict=True)]
+
+
+def _read(descriptor: int, one: ChunkRef | LostBytes) -> tuple[bytes, memoryview] | LostBytes:
+    """The records of a chunk, and its indexes."""
+    if isinstance(one, LostBytes):
+        return one
+    data = memoryview(read_at(descriptor, one.end - one.start, one.start))
+    size = one.stop - one.start
+    try:
+        return unpack(data[HEAD.size : size]), data[size:]
+    except DamagedError as error:
+        return LostBytes(one.start, one.stop, error.args[0])
+
+
+def _messages_in(
+    one: ChunkRef | LostBytes, part: tuple[bytes, memoryview] | LostBytes
+) -> Messages | LostBytes:
+    """The messages of a chunk that was read."""
+    if isinstance(part, LostBytes):
+        return part
+    try:
+        return _indexed(part[1], part[0]) or _walked(part[0])
+    except DamagedError as error:
+        return LostBytes(one.start, one.stop, error.args[0])
+
+
+def _scanned(records: bytes) -> Messages | None:
+    """The messages where a head seems to be; None if they do not tile the records.
+
+    Definitions may precede them.
+    """
+    values, smallest = np.frombuffer(records, np.uint8), MESSAGE_HEAD - HEAD.size
+    starts = np.flatnonzero(values[: max(0, len(records) - smallest)] == Opcode.MESSAGE)
+    sizes = at_every_byte(records, 8)[starts + 1].view("<i8")
+    seem = (sizes >= smallest) & (sizes < LONGEST)
+    starts, stops = starts[seem], (starts + HEAD.size + sizes)[seem]
+    with suppress(DamagedError, StopIteration):
+        first = next(at for code, at, _ in records_in(records) if code == Opcode.MESSAGE)
+        # Heads are where the record before ends; the other places are in the bytes of messages.
+        is_stop = np.zeros(len(records) + HEAD.size + LONGEST, np.bool_)
+        is_stop[stops] = is_stop[first] = True
+        starts, stops = starts[is_stop[starts]], stops[is_stop[starts]]
+        if np.array_equal(np.append(starts, len(records)), np.append(first, stops)):
+            return Messages.at(starts, records)
+    return None
 
 
 _INDEX_HEAD: Final = HEAD.size + 6

@@ -14,7 +14,7 @@ schema is read in the same way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -87,17 +87,6 @@ class Messages(NamedTuple):
         heads = at_every_byte(records, MESSAGE_HEAD)[starts].view(MESSAGE)
         lengths = heads["length"] - (MESSAGE_HEAD - HEAD.size)
         return cls(records, starts, lengths, heads["channel"].astype(int), heads["log"].copy())
-
-    @classmethod
-    def joined(cls, parts: Sequence[Messages]) -> Messages:
-        """The messages of several chunks, at least one, as of one."""
-        if len(parts) == 1:
-            return parts[0]
-        shifts = np.cumsum([0, *(len(one.records) for one in parts[:-1])])
-        starts = [one.starts + shift for one, shift in zip(parts, shifts, strict=True)]
-        columns = zip(*(one[2:] for one in parts), strict=True)
-        records = b"".join(one.records for one in parts)
-        return cls(records, np.concatenate(starts), *map(np.concatenate, columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -101,6 +101,18 @@ def test_any_row_comes_back(
         assert whole([row for row in found if row.port == port.name]) == whole(own)
 
 
+@pytest.mark.parametrize("size", [0x16, 0x30, 0x5A])
+def test_bytes_like_the_head_of_a_message_begin_none(size: int, tmp_path: Path) -> None:
+    """Small chunks are read together; some of these heads end where a message begins."""
+    raw = bytes([Opcode.MESSAGE, size, 0, 0, 0, 0, 0, 0, 0])
+    rows = [
+        replace(row, offset=16 * at, raw=bytes(at % 8) + raw, faults=(Fault.NOISE,), framed=False)
+        for at, row in enumerate(some_rows(200))
+    ]
+    write(tmp_path / "x.mcap", rows, BOTH, 5)
+    assert whole(rows_in(tmp_path / "x.mcap")) == whole(rows)
+
+
 def test_a_file_has_as_many_ports_as_channels_have_numbers(tmp_path: Path) -> None:
     ports = [PortFacts(f"port {number}") for number in range(MOST_PORTS + 1)]
     rows = rows_from(some_rows(MOST_PORTS + 1, ports))
