@@ -43,12 +43,6 @@ def test_at_another_baud_or_polarity_a_line_is_unreadable(baud, inverted, traffi
     assert (found.condition, found.has_frames) == (LineCondition.UNREADABLE, False)
 
 
-@pytest.mark.parametrize("baud", [b for b in COMMON_BAUDS if b < DEFAULT_BAUD / 8])
-def test_a_far_slower_line_is_diagnosed_as_held_low(baud):
-    data = received_by_hardware(4, frames(4, count=20), baud, DEFAULT_BAUD)
-    assert diagnose(data).condition is LineCondition.LOW
-
-
 @pytest.mark.parametrize("traffic", first(1, TRAFFIC))
 @pytest.mark.parametrize("baud", COMMON_BAUDS)
 def test_at_the_right_baud_a_line_is_sound(baud, traffic):

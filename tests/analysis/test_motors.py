@@ -101,19 +101,6 @@ def test_two_late_answers_by_chance_are_not_a_late_motor() -> None:
     assert [one.text for one in states(sorted(rows, key=lambda row: row.t_ns or 0))] == ["ok"] * 4
 
 
-def test_slow_adapter_is_not_late() -> None:
-    """Delays of a perfect controller behind an adapter that collects 16 ms of bytes."""
-    rows, rng = list[Row](), np.random.default_rng(1)
-    for number in range(400):
-        for motor in range(1, 5):
-            at, delay = number * 50 + motor * 6, 2 + 16 * rng.random()
-            rows += [
-                frame("speed", at, motor=motor),
-                frame("speed_feedback", at + delay, motor=motor),
-            ]
-    assert [one.text for one in states(rows)] == ["ok"] * 4
-
-
 def test_motor_that_does_not_follow_is_off_target() -> None:
     rows = polled(400, motors=(1, 3, 4))
     for at in range(0, 20_000, 50):

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.segments import Segments, added
 from fte_sniff.analysis.table import Table
-from fte_sniff.protocol.rows import FACTS, NO_FACT, Item, Row, Rows
+from fte_sniff.protocol.rows import FACTS, Item, Row, Rows
 from tests.analysis.captures import captures, items_of, polled, table_of
-from tests.support.columns import rows_from
 
 
 def tables(steps: list[Row | Item], most: int) -> list[Table]:
@@ -76,11 +75,3 @@ def test_counts_add_up_as_their_names_say() -> None:
         {"key": "a", "sum n": 3, "greatest ns": 7, "until ns": 30, "least t": 4},
         {"key": "b", "sum n": 3, "greatest ns": 7, "until ns": 31, "least t": 1},
     ]
-
-
-def test_facts_of_the_last_second_wait_for_the_rows_that_decide_them() -> None:
-    cutter = Segments(most=1)
-    rows = rows_from(polled(100))
-    (table,) = cutter.push(rows)
-    assert 0 < len(rows) - table.stop <= 8 * 21
-    assert (table.with_facts.answer_ns[: table.stop : 2] != NO_FACT).all()

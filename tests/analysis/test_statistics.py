@@ -15,10 +15,10 @@ from fte_sniff.analysis.check import counted as counted_rules
 from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
+from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import _LAYOUTS, Item, Row
 from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status
-from tests.analysis.captures import MS, START, captures, damage, frame, polled, table_of
+from tests.analysis.captures import MS, START, captures, frame, polled, table_of
 from tests.analysis.test_segments import tables
 
 
@@ -194,21 +194,3 @@ def test_feedback_without_online_is_not_offline() -> None:
 
 
 ONLINE = parse_rule("online(1) == 1")
-
-
-def test_events_of_a_port_are_counted() -> None:
-    kinds = [PortEventKind.OPENED, PortEventKind.LINE_ERROR, PortEventKind.LINE_ERROR]
-    events = [
-        PortEvent(START + at, "a", kind, "", 3 * (kind is PortEventKind.LINE_ERROR))
-        for at, kind in enumerate(kinds)
-    ]
-    assert stats_of([*events, damage(1)])["ports"][0]["events"] == [
-        {
-            "event": "opened", "count": 1, "total": None,
-            "first_time": iso_time(START), "last_time": iso_time(START),
-        },
-        {
-            "event": "line_error", "count": 2, "total": 6,
-            "first_time": iso_time(START + 1), "last_time": iso_time(START + 2),
-        },
-    ]  # fmt: skip

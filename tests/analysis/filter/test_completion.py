@@ -88,12 +88,6 @@ def test_a_cell_filter_keeps_its_row_and_the_opposite_drops_it(row: Row, other: 
             assert only.matches(others) != without.matches(others)
 
 
-@given(ROWS)
-def test_a_row_has_a_filter_for_each_fault_or_for_none(row: Row) -> None:
-    found = [text for text in cell_filters(row) if text.startswith("faults")]
-    assert found == ([f"faults = '{fault}'" for fault in row.faults] or ["faults IS NULL"])
-
-
 @pytest.mark.parametrize(
     ("current", "added", "made"),
     [

@@ -216,25 +216,6 @@ def test_any_words_parse_or_are_explained(text: str) -> None:
     _parses_or_explains(text)
 
 
-NUMBERS = st.recursive(
-    st.sampled_from(["rpm", "motor", "error", "0", "1", "-5", "1.5", "0xFF"])
-    | st.integers(-(2**63), 2**63 - 1).map(str)
-    | st.floats(allow_nan=False, allow_infinity=False).map(str),
-    lambda inner: (
-        st.builds("({} {} {})".format, inner, st.sampled_from("+-*/%&|"), inner)
-        | st.builds("(- {})".format, inner)
-        | st.builds("abs({})".format, inner)
-        | st.builds("coalesce({}, {})".format, inner, inner)
-    ),
-    max_leaves=6,
-)
-
-
-@given(NUMBERS, st.sampled_from(["=", "<", ">=", "IS DISTINCT FROM"]), NUMBERS)
-def test_any_arithmetic_computes_or_is_explained(left: str, sign: str, right: str) -> None:
-    _parses_or_explains(f"{left} {sign} {right}")
-
-
 LARGEST = {
     "brackets": "(" * 24 + "rpm" + " + 1)" * 24 + " = 1",
     "not": "NOT " * 24 + "noise",
