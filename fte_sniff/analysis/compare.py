@@ -129,9 +129,7 @@ MEASURES: Final = (*_TIMES, *_SHARES, "values", "findings")
 
 def counted(table: Table) -> Counts:
     """The counts of a table: those of `events`, and the periods by port, kind, motor and window."""
-    ports, keys = pl.Series(table.rows.ports, dtype=pl.String), ("port", "kind", MOTOR)
-    own = table.frame.drop_nulls(["kind", "t_ns"])
-    own = own.with_columns(port=ports.gather(own["port"]))
+    own, keys = table.frame.drop_nulls(["kind", "t_ns"]), ("port", "kind", MOTOR)
     periods = own["period_ns"].fill_null(0).to_numpy()
     found = own.group_by(
         *keys,

@@ -48,12 +48,11 @@ _EXTENT: Final = (
 
 def counted(table: Table) -> Counts:
     """The counts of a table."""
-    ports, sources = (pl.Series(one, dtype=pl.String) for one in (table.rows.ports, table.sources))
     bauds = {one: table.bauds.get(one) for one in (*table.bauds, *table.rows.used_ports)}
     frame, answers = table.frame, table.answers
     by_stream = ("port", "kind", MOTOR)
     streams = frame.filter(pl.col("kind").is_not_null())
-    found = {
+    return {
         "rows": frame.group_by("source", "port", "faults", "direction").agg(_EXTENT),
         "ports": frame.group_by("port").agg(
             pl.col("step_ns").count().cast(pl.Int64).alias("sum steps"),
@@ -83,15 +82,6 @@ def counted(table: Table) -> Counts:
         "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}),
         **extent_of(table),
     }
-    return {name: _named(own, ports, sources) for name, own in found.items()}
-
-
-def _named(counts: pl.DataFrame, ports: pl.Series, sources: pl.Series) -> pl.DataFrame:
-    """Counts with the names of ports and inputs instead of their codes."""
-    for key, names in (("port", ports), ("source", sources)):
-        if key in counts.columns and counts[key].dtype != pl.String:
-            counts = counts.with_columns(names.gather(counts[key]).alias(key))
-    return counts
 
 
 def _flags(table: Table) -> pl.DataFrame:

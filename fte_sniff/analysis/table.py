@@ -31,7 +31,7 @@ from fte_sniff.analysis.relations import (
     with_facts,
 )
 from fte_sniff.protocol.items import PortEvent
-from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Bools, Ints, Rows
+from fte_sniff.protocol.rows import NO_KIND, NO_ROWS, NO_TIME, Array, Bools, Ints, Rows
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     MOTORS,
@@ -115,7 +115,7 @@ class Table:
 
     @cached_property
     def frame(self) -> pl.DataFrame:
-        """Its counted rows, with codes as in `Rows`.
+        """Its counted rows, with names of ports and inputs, and other codes as in `Rows`.
 
         Columns: `t_ns`, `port`, `kind` (null if it names a motor that there is not), `motor`,
         `direction`, `faults`, `length`, `source`, the quantities, and what the row before decides,
@@ -140,13 +140,13 @@ class Table:
         begins_ns = np.where(on_port == NONE, t_ns, ends_ns[on_port] if len(at) else t_ns)
         columns = {
             "t_ns": times(t_ns),
-            "port": pl.Series(rows.port),
+            "port": _names(self.rows.ports, rows.port),
             "kind": known_only(kinds, is_kind),
             MOTOR: known_only(rows.nums, NAMES_MOTOR[kinds] & is_kind),
             "direction": pl.Series(rows.directions),
             "faults": pl.Series(rows.faults),
             "length": pl.Series(rows.length.astype(np.int64)),
-            "source": pl.Series(self.source[at].astype(np.uint32)),
+            "source": _names(self.sources, self.source[at]),
             "end_ns": times(ends_ns),
             "period_ns": _since(t_ns, t_ns, before),
             "step_ns": _since(t_ns, t_ns, on_port),
@@ -155,6 +155,10 @@ class Table:
             **{name: known_only(*rows.field(name)) for name in QUANTITIES},
         }
         return pl.DataFrame({name: one[own:] for name, one in columns.items()})
+
+
+def _names(names: Sequence[str], codes: Array) -> pl.Series:
+    return pl.Series(names, dtype=pl.String).gather(codes.astype(np.uint32))
 
 
 def times(t_ns: Ints) -> pl.Series:

@@ -63,7 +63,8 @@ KEYS: Final = ("port", "kind", "motor")
 def streams_in(table: Table) -> list[Stream]:
     """The streams of a table, by port, kind and motor."""
     rows, period, keys = table.rows, pl.col("period_ns"), pl.col(KEYS).cast(pl.Int64)
-    frames = table.frame.with_columns(keys, at=table.counted).drop_nulls("kind")
+    at, frames = table.counted, table.frame.with_columns(at=table.counted)
+    frames = frames.with_columns(port=rows.port[at]).with_columns(keys).drop_nulls("kind")
     found = frames.group_by(KEYS).agg(
         pl.col("at").last(),
         pl.len(),
@@ -210,8 +211,8 @@ def _line(texts: Sequence[str], columns: Sequence[tuple[_Column, int]]) -> str:
 def _port_lines(table: Table, context: Context) -> Iterator[Text]:
     """Rows, use of the line, faults and events of each port."""
     palette = context.palette
-    for code, port in enumerate(table.rows.ports):
-        own = table.frame.filter(pl.col("port") == code)
+    for port in table.rows.ports:
+        own = table.frame.filter(pl.col("port") == port)
         line = Text(printable(port), "bold")
         busy_ns = (pl.col("end_ns") - pl.col("t_ns")).sum()
         rate, use = own.select(
