@@ -280,10 +280,6 @@ def test_motor_with_more_damage_all_the_time_is_unlike_the_others() -> None:
     assert found[0].usual < 0.003 < found[0].events / found[0].rows
 
 
-def test_motors_that_answer_alike_are_no_finding() -> None:
-    assert report(*slower(2, 4)).found == []
-
-
 def test_motor_that_never_answers_is_one_finding() -> None:
     rows = some.polled(1000)
     rows = [row for row in rows if row.raw[:1] == b"\xaa" or row.raw[2] != 4]
