@@ -10,9 +10,10 @@ translated, a translation has other values in braces, or a file is not current.
 import argparse
 import ast
 import io
+import re
 import string
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from babel.messages.catalog import Catalog
@@ -41,9 +42,37 @@ PACKAGE = Path(__file__).parents[1] / "fte_sniff"
 KEYWORDS = ("_", "later", "TranslatableText", "RecordError")
 """Functions that are called with a text to translate."""
 
+FINISHED = ("print_err", "BadParameter", "fail", "_mistake", "ok", "warn", "bad", "note")
+"""Functions, beside errors, that are called with a text, or an f-string, to recognise."""
+
+
+CLICK = (
+    "Invalid value for {name}: {what}",
+    "Invalid value: {what}",
+    "Missing argument {name}",
+    "Missing option {name}",
+    "No such command {name}",
+    "No such command {name}. Did you mean {near}?",
+    "No such command {name}. (Did you mean one of: {near}?)",
+    "No such option {name}",
+    "No such option {name}. Did you mean {near}?",
+    "No such option {name}. (Did you mean one of: {near}?)",
+    "Option {name} requires an argument",
+    "Got unexpected extra argument ({what})",
+    "Got unexpected extra arguments ({what})",
+    "{value} is not in the range {range}",
+    "{value} is not one of {choices}",
+    "{value} is not a whole number",
+    "see '{path} --help'",
+    "; ",
+    ", ",
+)
+"""Errors of click, and what `translated` finds between the parts of a text."""
+
 
 def table_texts() -> Iterator[str]:
-    """Texts of the tables that the screen shows."""
+    """Texts of the tables that the screen shows, and those of libraries."""
+    yield from CLICK
     yield from (heading for heading, _commands in SECTIONS)
     for command in COMMANDS.values():
         yield from (command.meaning, command.short)
@@ -83,6 +112,29 @@ def texts_in(folder: Path) -> Iterator[str]:
                     is_error = name.endswith("Error") and (values or hasattr(errors, name))
                     if name in KEYWORDS or is_error:
                         yield text
+                case ast.Call(func=func, args=[ast.JoinedStr(values=parts), *_]):
+                    called = ast.unparse(func)
+                    if hasattr(errors, called) or called.rpartition(".")[2] in FINISHED:
+                        yield from filter(has_words, [form_of(parts)])
+
+
+def form_of(parts: Iterable[ast.expr]) -> str:
+    """The form of an f-string, with a name for each value; `translated` recognises its texts."""
+    sources, form = list[str](), ""
+    for part in parts:
+        if isinstance(part, ast.FormattedValue):
+            source = ast.unparse(part.value) + "!" * (part.conversion > 0)
+            sources += [source] * (source not in sources)
+            name = source if source.isidentifier() else f"value{sources.index(source)}"
+            form += f"{{{name.lower()}}}"
+        elif isinstance(part, ast.Constant):
+            form += str(part.value)
+    return form
+
+
+def has_words(form: str) -> bool:
+    """Whether a form has something to translate: two words beside its values and our name."""
+    return len(re.findall(r"[a-z]{2,}", re.sub(r"\{.*?\}|fte-sniff:?", "", form))) > 1
 
 
 def template() -> Catalog:
@@ -104,12 +156,13 @@ def updated(language: str, texts: Catalog) -> Catalog:
             catalogue = read_po(file, locale=language, domain=DOMAIN)
     else:
         catalogue = Catalog(locale=language, domain=DOMAIN)
-    written = {
-        node.value
+    nodes = [
+        node
         for path in PACKAGE.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
+    ]
+    written = {node.value for node in nodes if isinstance(node, ast.Constant)}
+    written |= {form_of(node.values) for node in nodes if isinstance(node, ast.JoinedStr)}
     for message in catalogue:
         # A text that reaches its call through a variable stays once it is translated.
         if message.string and message.id in written:

@@ -156,7 +156,7 @@ capture_options = all_of(
     ),
     in_group("Rows for other programs", data_options),
     in_group(
-        "End",
+        "End of the capture",
         click.option(
             "--duration",
             type=seconds_from(0.001),

@@ -24,11 +24,11 @@ from fte_sniff.cli.measuring import (
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
-from fte_sniff.cli.settings import load_settings, read_toml
+from fte_sniff.cli.settings import read_toml
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.cell_text import UNKNOWN
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.i18n import _, set_language
+from fte_sniff.i18n import _
 from fte_sniff.protocol.columns import iso_time
 from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import fields_json, time_json
@@ -92,7 +92,6 @@ def command(
     if form == "json":
         print_json(_object(found, total["extent"].row(0, named=True), reading))
     else:
-        set_language(load_settings().language())
         print_lines(_lines(found, reading.zone))
     finish(reading, refused=any(one.refuses for one in found))
 

@@ -18,11 +18,10 @@ from fte_sniff.cli.measuring import (
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
-from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import UsageError, printable
 from fte_sniff.formats.cell_text import UNKNOWN, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.i18n import _, set_language
+from fte_sniff.i18n import _
 from fte_sniff.protocol.spec import Status
 from fte_sniff.session.stats_json import comparison_json
 
@@ -57,7 +56,6 @@ def command(query: InputQuery, form: str) -> None:
     if form == "json":
         print_json(comparison_json(found, before, after))
     else:
-        set_language(load_settings().language())
         print_lines(comparison_lines(found))
     finish(*(reading for __, reading in sides))
 

@@ -7,6 +7,7 @@ import click
 from fte_sniff.cli.completion import complete_port
 from fte_sniff.cli.options import seconds_from
 from fte_sniff.errors import UsageError, printable
+from fte_sniff.i18n import translated
 from fte_sniff.protocol.spec import DEFAULT_BAUD
 
 EXIT_WRONG = 1
@@ -59,7 +60,7 @@ def command(
         found = check_port(port, PortSettings(baud), seconds, probe=probe)
     wrong = False
     for one in found:
-        fix = "" if one.fix is None else f"  ->  {one.fix}"
-        click.echo(printable(f"{one.level:<4}  {one.about}: {one.what}{fix}"))
+        fix = "" if one.fix is None else f"  ->  {translated(one.fix)}"
+        click.echo(printable(f"{one.level:<4}  {one.about}: {translated(one.what)}{fix}"))
         wrong = wrong or one.level is Level.BAD
     context.exit(EXIT_WRONG if wrong else 0)

@@ -11,9 +11,8 @@ import click
 from fte_sniff.cli.input_files import STDIN, InputQuery, input_options
 from fte_sniff.cli.measuring import finish, headline, measure, print_json, text_or_json_option
 from fte_sniff.cli.options import grouped_command
-from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import printable
-from fte_sniff.i18n import _, set_language
+from fte_sniff.i18n import _
 from fte_sniff.session.stats_json import findings_json
 
 if TYPE_CHECKING:
@@ -43,7 +42,6 @@ def command(query: InputQuery, form: str) -> None:
     if form == "json":
         print_json(findings_json(report))
     else:
-        set_language(load_settings().language())
         for line in _lines(report, query, reading.zone):
             click.echo(printable(line))
     finish(reading)

@@ -101,9 +101,9 @@ class FileName(click.Path):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path; fails for an empty name and a port."""
         if not str(value):
-            self.fail("the name is empty.", param, ctx)
+            self.fail("the name is empty", param, ctx)
         if "://" in str(value) or (isinstance(param, click.Argument) and is_port_name(str(value))):
-            self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it.", param, ctx)
+            self.fail(f"{value} is a port, not a file; `fte-sniff live` captures it", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -576,8 +576,7 @@ def summary(tally: Tally, reading: InputReading | None = None, zone: tzinfo = UT
     With `reading`, whose rows the tally counts, it reports their gaps. `zone` is that of the times.
     """
     if reading is not None and reading.written == reading.limit:
-        read = f"{tally.rows:,} rows read so far, {reading.written:,} written"
-        return f"stopped at the limit: {read}"
+        return f"stopped at the limit: {tally.rows:,} rows read so far, {reading.written:,} written"
     parts = [f"{tally.rows:,} row{'s' if tally.rows != 1 else ''}"]
     if reading is not None and reading.written != tally.rows:
         parts[0] += f" read, {reading.written:,} written"
@@ -586,10 +585,13 @@ def summary(tally: Tally, reading: InputReading | None = None, zone: tzinfo = UT
     ]
     if len(parts) == 1 and tally.rows:
         parts.append("nothing malformed")
+    if tally.times is not None:
+        first_ns, last_ns = tally.times
+        parts.append(f"{(last_ns - first_ns) / 1e9:,.3f} s from {iso_time(first_ns, zone)}")
     gaps = reading.reported_gaps if reading is not None else []
     advice = explain_no_frames(tally, reading)
     lacking = f"; {gap_text(gaps)} left out when recorded" if gaps else ""
-    return ", ".join(parts) + _span(tally, zone) + lacking + (advice and f"; {advice}")
+    return ", ".join(parts) + lacking + (advice and f"; {advice}")
 
 
 def gap_text(gaps: Sequence[Gap]) -> str:
@@ -643,10 +645,3 @@ def _share(tally: Tally, status: Status) -> str:
         if status_of((fault,)) is status
     )
     return f"{count:,} {status} ({count / tally.rows:.2%}: {faults})"
-
-
-def _span(tally: Tally, zone: tzinfo) -> str:
-    if tally.times is None:
-        return ""
-    first_ns, last_ns = tally.times
-    return f", {(last_ns - first_ns) / 1e9:,.3f} s from {iso_time(first_ns, zone)}"

@@ -45,11 +45,11 @@ class _Address(click.ParamType[tuple[str, int]]):
         name, _, number = value.rpartition(":")
         is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
         if not is_number:
-            self.fail(f"{printable(value)} is not HOST:PORT or PORT.", param, ctx)
+            self.fail(f"{printable(value)} is not HOST:PORT or PORT", param, ctx)
         try:
             found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))
         except (OSError, UnicodeError):
-            self.fail(f"{printable(value)}: the host is not known.", param, ctx)
+            self.fail(f"{printable(value)}: the host is not known", param, ctx)
         return str(found[0][4][0]), int(number)
 
 

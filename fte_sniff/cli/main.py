@@ -15,6 +15,8 @@ from typing import NoReturn
 import click
 
 from fte_sniff.cli.completion import VARIABLE
+from fte_sniff.cli.options import with_translated_help
+from fte_sniff.cli.settings import read_settings, settings_path
 from fte_sniff.cli.streams import (
     EXIT_INTERRUPTED,
     NOT_BEGUN,
@@ -26,6 +28,7 @@ from fte_sniff.cli.streams import (
     print_err,
 )
 from fte_sniff.errors import FileError, FteSniffError, reason_of, unreadable, unwritable
+from fte_sniff.i18n import set_language, translated
 
 PROGRAM = "fte-sniff"
 
@@ -77,7 +80,7 @@ class LazyGroup(click.Group):
         gc.freeze()  # what is loaded stays; collections need not look at it, nor the one at exit
         gc.enable()
         assert isinstance(command, click.Command)
-        return command
+        return with_translated_help(command)
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -89,6 +92,7 @@ def fte_sniff() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the program and exit with its exit code."""
     prepare_streams()
+    set_language(read_settings(settings_path()).language())
     given = sys.argv[1:] if arguments is None else list(arguments)
     try:
         with interruptible():
@@ -107,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 sys.stdout.flush()
         sys.exit(code)
     except FteSniffError as error:
-        _exit_with(_translated(error), error.exit_code)
+        _exit_with(error.message, error.exit_code)
     except click.exceptions.NoArgsIsHelpError as error:
         with suppress(OSError):
             click.echo(error.format_message(), err=True)
@@ -126,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             if error.filename is None
             else unwritable(error.filename, error)
         )
-        _exit_with(_translated(refused), refused.exit_code)
+        _exit_with(str(refused), refused.exit_code)
     except (KeyboardInterrupt, click.Abort):
         abandon_stdout()
         if given[:1] and given[0] in ENDED_BY_CTRL_C:
@@ -139,22 +143,12 @@ def _exit_with(message: str, code: int) -> NoReturn:
     with suppress(OSError, FteSniffError):
         sys.stdout.flush()
     abandon_stdout()
-    print_err(f"{PROGRAM}: {message}")
+    print_err(f"{PROGRAM}: {translated(message)}")
     sys.exit(code)
-
-
-def _translated(error: FteSniffError) -> str:
-    """The message in the language of the user."""
-    from fte_sniff.cli.settings import read_settings, settings_path
-    from fte_sniff.i18n import error_text, set_language
-
-    set_language(read_settings(settings_path()).language())
-    return error_text(error)
 
 
 def _one_line(error: click.ClickException) -> str:
     message = " ".join(error.format_message().split())
     message = re.sub("a valid integer( range)?", "a whole number", message)
-    context = getattr(error, "ctx", None)
-    path = context.command_path if context is not None else PROGRAM
-    return f"{message.rstrip('.')}; see '{path} --help'"
+    path = getattr(getattr(error, "ctx", None), "command_path", PROGRAM)
+    return translated("; ").join(map(translated, (message.rstrip("."), f"see '{path} --help'")))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
 from fte_sniff.cli.options import format_option
 from fte_sniff.cli.streams import print_err
-from fte_sniff.errors import FileError, UsageError
+from fte_sniff.errors import FileError, TranslatableText, UsageError
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.formats.writers import printable_json
 from fte_sniff.i18n import _
@@ -102,15 +102,10 @@ def headline(one: Finding, found: Sequence[Finding], zone: tzinfo) -> str:
     days = {iso_time(t_ns, zone)[:10] for each in found for t_ns in (each.first_ns, each.last_ns)}
     shown = slice(11 if len(days) == 1 else 0, 19)
     first, last = (iso_time(t_ns, zone)[shown] for t_ns in (one.first_ns, one.last_ns))
-    if one.motor is None:
-        return _("{cause}, {first} to {last}", cause=one.cause, first=first, last=last)
-    return _(
-        "{cause}, motor {motor}, {first} to {last}",
-        cause=one.cause,
-        motor=one.motor,
-        first=first,
-        last=last,
-    )
+    cause = str(one.cause)
+    if one.motor is not None:
+        cause = TranslatableText("{cause}, motor {motor}", cause=cause, motor=one.motor)
+    return _("{cause}, {first} to {last}", cause=cause, first=first, last=last)
 
 
 HEAD_STYLE: Final = "dim"
@@ -133,7 +128,7 @@ def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator
 
     from fte_sniff.formats.cell_text import fit_right, padded
 
-    lines = [heads, *rows]
+    lines = [[*map(_, heads)], *rows]
     names, *widths = (max(map(cell_len, column)) for column in zip(*lines, strict=True))
     for number, (name, *cells) in enumerate(lines):
         values = (f"  {fit_right(one, room)}" for one, room in zip(cells, widths, strict=True))

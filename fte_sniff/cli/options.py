@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from copy import copy
 from functools import partial, reduce
+from inspect import cleandoc
 from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,6 +14,7 @@ import click
 
 from fte_sniff.cli.completion import complete_filter
 from fte_sniff.errors import UsageError, quoted
+from fte_sniff.i18n import translated
 from fte_sniff.platform import POSIX
 
 if TYPE_CHECKING:
@@ -59,8 +62,22 @@ class GroupedCommand(click.Command):
                 own = groups.setdefault(getattr(option, "group", "Options"), [])
                 own.append((_NUMBER.sub("N", names), _RANGE.sub("", text)))
         for name, records in groups.items():
-            with formatter.section(name):
+            with formatter.section(translated(name)):
                 formatter.write_dl(records)
+
+
+def with_translated_help(command: click.Command) -> click.Command:
+    """A command with the help of options, and its help in one line, in the language in use."""
+    command = copy(command)
+    command.params = [copy(option) for option in command.params]
+    for option in command.params:
+        if isinstance(option, click.Option):
+            option.help = translated(option.help or "")
+    short = command.short_help or ""
+    if translated(short) != short:
+        command.short_help = translated(short)
+        command.help = f"{command.short_help}\n\n{cleandoc(command.help or '')}"
+    return command
 
 
 grouped_command = partial(click.command, cls=GroupedCommand)

@@ -36,7 +36,6 @@ from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, UsageError, reason_of, unreadable
 from fte_sniff.i18n import AUTO, LANGUAGES, THEMES, language_of
 from fte_sniff.real_number import RealNumber
-from fte_sniff.tui.cells import ORDER
 
 if TYPE_CHECKING:
     from fte_sniff.tui.options import Choices
@@ -62,6 +61,12 @@ def _list_of(kind: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return convert
 
 
+def _column(name: str) -> Any:
+    from fte_sniff.tui.cells import ORDER
+
+    return click.Choice(ORDER)(name)
+
+
 _RATIO: Final = RealNumber(0, min_open=True)
 
 _ANY_NAME: Final = ""
@@ -70,7 +75,7 @@ _LANGUAGE: Final = click.Choice([*LANGUAGES, AUTO])
 
 _CHOICES: Final[Mapping[str, Any]] = {
     "theme": click.Choice(THEMES),
-    "columns": _list_of(click.Choice(ORDER)),
+    "columns": _list_of(_column),
     "language": _LANGUAGE,
     "filters": {_ANY_NAME: click.STRING},
 }

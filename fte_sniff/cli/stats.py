@@ -20,11 +20,10 @@ from fte_sniff.cli.measuring import (
     text_or_json_option,
 )
 from fte_sniff.cli.options import grouped_command
-from fte_sniff.cli.settings import load_settings
 from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, rate_text, share_text, span_text
 from fte_sniff.formats.looks import LOOKS
-from fte_sniff.i18n import _, set_language
+from fte_sniff.i18n import _, translated
 from fte_sniff.protocol.columns import iso_time, iso_time_ns
 from fte_sniff.protocol.spec import Direction, Status
 from fte_sniff.session.stats_json import Json, statistics_json
@@ -57,7 +56,6 @@ def command(query: InputQuery, form: str) -> None:
     if form == "json":
         print_json(numbers)
     else:
-        set_language(load_settings().language())
         print_lines(report_lines(numbers, reading))
     finish(reading)
 
@@ -90,7 +88,7 @@ def report_lines(numbers: Json, reading: InputReading) -> Iterator[Text]:
         if objects:
             rows = [[text(one, when) for _, text in columns] for one in objects]
             yield Text()
-            yield from table_lines([head for head, _ in columns], rows)
+            yield from table_lines([head for head, __ in columns], rows)
     if numbers["selections"]:
         yield Text(_("answers are not known: the recording has only selected rows"))
     elif motors[0]["neither"] is None:
@@ -135,8 +133,8 @@ def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
         yield _line("left out", f"{gap_text(own)}: {printable(reason)}")
     if numbers["first_time"] is not None:
         yield _line("first", _in_zone(numbers["first_time"], zone))
-        span = f"{numbers['duration_s']:,.3f} s after the first"
-        yield _line("last", f"{_in_zone(numbers['last_time'], zone)}, {span}")
+        last, seconds = _in_zone(numbers["last_time"], zone), numbers["duration_s"]
+        yield _line("last", f"{last}, {seconds:,.3f} s after the first")
     elif rows:
         yield _line("time", _("these rows have no times: no rates, no silences"))
     if rows:
@@ -146,7 +144,7 @@ def _whole(numbers: Json, reading: InputReading) -> Iterator[Text]:
 
 
 def _line(label: str, text: str) -> Text:
-    return Text.assemble((fit(label, _LABEL), HEAD_STYLE), " ", text)
+    return Text.assemble((fit(_(label), _LABEL), HEAD_STYLE), " ", translated(text))
 
 
 def _span(seconds: float | None) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fte_sniff.errors import FileError, printable, reason_of
+from fte_sniff.i18n import translated
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP, POSIX
 
 if TYPE_CHECKING:
@@ -101,9 +102,9 @@ def abandon(descriptor: int) -> None:
 
 
 def print_err(line: str) -> None:
-    """Print one line on standard error; if that fails, drop it and all later ones."""
+    """Print one line on standard error, translated; if that fails, drop it and all later ones."""
     try:
-        click.echo(printable(line), err=True)
+        click.echo(printable(translated(line)), err=True)
     except OSError:
         abandon(sys.stderr.fileno())
 

@@ -14,6 +14,7 @@ import click
 
 from fte_sniff.errors import printable
 from fte_sniff.formats.looks import LOOKS, mark_of
+from fte_sniff.i18n import translated
 from fte_sniff.protocol.columns import iso_time, spaced_hex
 from fte_sniff.protocol.dissect import ExplainedField, dissect, explain
 from fte_sniff.protocol.rows import Row
@@ -187,7 +188,7 @@ def _wrapped(text: str, lead: str, width: int, color: str | None) -> Iterator[st
     """The lines of a text behind the lead of the first one, in a colour."""
     further = " " * len(lead)
     lines = wrap(
-        text,
+        translated(text),
         width,
         initial_indent=lead,
         subsequent_indent=further,

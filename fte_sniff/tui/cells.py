@@ -20,7 +20,7 @@ from fte_sniff.formats.cell_text import (
     fit_right,
     short_names,
 )
-from fte_sniff.i18n import _, later
+from fte_sniff.i18n import _, later, translated
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, ColumnType, Value, spaced_hex
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Row
@@ -117,15 +117,10 @@ def event_text(event: PortEvent, zone: tzinfo = UTC) -> str:
     """A port event on one line, with its time of day in a zone."""
     text = f"{event.port} {_(event_words(event.kind))}"
     if event.detail.startswith(event_words(event.kind)):
-        text = f"{event.port} {_detail(event.detail)}"
+        text = f"{event.port} {translated(event.detail)}"
     elif event.detail:
-        text = _(WITH_DETAIL, event=text, detail=_detail(event.detail))
+        text = _(WITH_DETAIL, event=text, detail=translated(event.detail))
     return printable(f"{clock_text(event.t_ns, 3, zone)}  {text}")
-
-
-def _detail(text: str) -> str:
-    """The text in the language of the screen, part by part."""
-    return "; ".join(map(_, text.split("; ")))
 
 
 def event_words(kind: PortEventKind) -> str:
@@ -141,7 +136,7 @@ def landmark_text(what: PortEvent | Gap, zone: tzinfo = UTC) -> str:
     if what.rows:
         text = _("{count:,} rows are missing here", count=what.rows)
     if what.reason:
-        text = _(WITH_DETAIL, event=text, detail=_(what.reason))
+        text = _(WITH_DETAIL, event=text, detail=translated(what.reason))
     return printable(text)
 
 
