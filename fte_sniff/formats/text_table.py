@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, tzinfo
 from shutil import get_terminal_size
 from textwrap import wrap
-from typing import Any, Final, TextIO
+from typing import Any, Final, NamedTuple, TextIO
 
 import click
 
@@ -29,25 +29,65 @@ _VALUES: Final = max(
     for kind in KINDS
 )
 _RAW: Final = len(spaced_hex(bytes(FRAME_LENGTH)))
-_NAMES: Final = ("time", "port", "   offset", "", "kind", "values", "raw", "faults")
+
+
+class _Column(NamedTuple):
+    """A column of the table."""
+
+    head: str
+    width: int
+    cell: Callable[[Row], str]
+
+
+def _full(zone: tzinfo) -> Sequence[_Column]:
+    """All columns, for files and other programs."""
+    return (
+        _Column("time", len(iso_time(0, zone)), lambda row: _time(row, zone)),
+        _Column("port", _PORT, lambda row: printable(row.port)),
+        _Column("   offset", len("   offset"), lambda row: f"{row.offset:9}"),
+        _Column("", 1, mark_of),
+        _Column("kind", _KIND, kind_text),
+        _Column("values", _VALUES, values_text),
+        _Column("raw", _RAW, lambda row: spaced_hex(row.raw)),
+        _Column("faults", 0, lambda row: ",".join(row.faults)),
+    )
+
+
+def _short(zone: tzinfo) -> Sequence[_Column]:
+    """The columns on a terminal: times are short, and faults precede the bytes to stay in sight."""
+    return (
+        _Column(
+            "time UTC" if zone == UTC else "local time",
+            _CLOCK.stop - _CLOCK.start,
+            lambda row: _time(row, zone)[_CLOCK],
+        ),
+        _Column("port", _PORT, lambda row: printable(row.port)[-_PORT:]),
+        _Column("", 1, mark_of),
+        _Column("kind", _KIND, lambda row: kind_text(row) if row.framed else ",".join(row.faults)),
+        _Column("values", 0, _values_faults_and_bytes),
+    )
+
+
+def _time(row: Row, zone: tzinfo) -> str:
+    return "-" if row.t_ns is None else iso_time(row.t_ns, zone)
+
+
+def _values_faults_and_bytes(row: Row) -> str:
+    parts = (values_text(row), ",".join(row.faults)) if row.framed else ()
+    return GAP.join(filter(None, (*parts, spaced_hex(row.raw))))
 
 
 class TableWriter:
     """Writes one line a row with aligned columns.
 
-    On a terminal, lines are coloured and cut at its right edge. There the times are short, and
-    faults precede the bytes, so that they stay in sight.
+    On a terminal, lines are short, coloured, and cut at its right edge.
     """
 
     def __init__(self, stream: TextIO, *, ports: bool, zone: tzinfo = UTC) -> None:
         """Write to a stream; `ports` for a column with the port."""
-        self._stream, self._zone, self._is_short = stream, zone, stream.isatty()
-        clock = "time UTC" if zone == UTC else "local time"
-        time = _CLOCK.stop - _CLOCK.start if self._is_short else len(iso_time(0, zone))
-        full = (time, _PORT, len(_NAMES[2]), 1, _KIND, _VALUES, _RAW, 0)
-        self._widths = (time, _PORT, 1, _KIND, 0) if self._is_short else full
-        self._names = (clock, "port", "", "kind", "values") if self._is_short else _NAMES
-        self._hidden = set[int]() if ports else {1}
+        self._stream, self._is_short = stream, stream.isatty()
+        columns = (_short if self._is_short else _full)(zone)
+        self._columns = [one for one in columns if ports or one.head != "port"]
         self._has_header = False
 
     def __call__(self, rows: Iterable[Row]) -> None:
@@ -55,29 +95,13 @@ class TableWriter:
         for row in rows:
             if not self._has_header:
                 self._has_header = True
-                self._hidden |= {0} if row.t_ns is None else set()
-                self._write(self._names, bold=True)
-            self._write(self._cells(row), **_style_of(row))
+                self._columns = self._columns[1:] if row.t_ns is None else self._columns
+                self._write([one.head for one in self._columns], bold=True)
+            self._write([one.cell(row) for one in self._columns], **_style_of(row))
 
-    def _cells(self, row: Row) -> tuple[str, ...]:
-        time = "-" if row.t_ns is None else iso_time(row.t_ns, self._zone)
-        port, mark, kind, values = (
-            printable(row.port),
-            mark_of(row),
-            kind_text(row),
-            values_text(row),
-        )
-        faults, raw = ",".join(row.faults), spaced_hex(row.raw)
-        if not self._is_short:
-            return time, port, f"{row.offset:9}", mark, kind, values, raw, faults
-        text = GAP.join(filter(None, (values, faults, raw)))
-        kind, text = (kind, text) if row.framed else (faults, raw)
-        return time[_CLOCK], port[-_PORT:], mark, kind, text
-
-    def _write(self, cells: tuple[str, ...], **style: Any) -> None:
-        padded = (cell.ljust(width) for cell, width in zip(cells, self._widths, strict=True))
-        shown = (cell for at, cell in enumerate(padded) if at not in self._hidden)
-        line = GAP.join(shown).rstrip()
+    def _write(self, cells: Sequence[str], **style: Any) -> None:
+        padded = [cell.ljust(one.width) for cell, one in zip(cells, self._columns, strict=True)]
+        line = GAP.join(padded).rstrip()
         if not self._is_short:
             self._stream.write(f"{line}\n")
             return
