@@ -269,16 +269,16 @@ def test_without_a_file_the_latest_recording_opens_with_its_notes(
     with terminal(environment, tmp_path, "view") as screen:
         assert screen.ended() == 2
     assert b"this folder has no recording" in screen.drawn
-    copy(SAMPLES / "clean.mcap", tmp_path / "x.mcap")
+    copy(SAMPLES / "midstream.mcap", tmp_path / "x.mcap")
     with terminal(environment, tmp_path, "view") as screen:
-        screen.until("x.mcap", "1,200 rows")
+        screen.until("x.mcap", "49 rows")
         screen.type("fmotor = 2\rm")
         screen.until("saved in x.mcap.notes.jsonl")
         screen.type("q")
         assert screen.ended() == 0
     assert b"notes are in x.mcap.notes.jsonl" in screen.drawn
     with terminal(environment, tmp_path, "view", "x.mcap") as screen:
-        screen.until("1,200 rows")
+        screen.until("49 rows")
         screen.type("u#a\r")
         screen.until("saved in x.mcap.notes.jsonl")
         screen.type("\x1b")
