@@ -131,12 +131,11 @@ class Gap(NamedTuple):
         end = t_ns if self.end_ns is None else max(self.end_ns, t_ns)
         return Gap(self.kind, (self.rows or 0) + rows, start, end, self.reason, self.port)
 
-    def within(self, first_ns: int | None, last_ns: int | None) -> Gap | None:
-        """The part between two times, both included (None: unbounded), or None; rows unknown."""
+    def within(self, first_ns: int, last_ns: int) -> Gap | None:
+        """The part between two times, both included, or None; its number of rows is unknown."""
         if self.start_ns is None or self.end_ns is None:
             return self
-        first = self.start_ns if first_ns is None else max(first_ns, self.start_ns)
-        last = self.end_ns if last_ns is None else min(last_ns, self.end_ns)
+        first, last = max(first_ns, self.start_ns), min(last_ns, self.end_ns)
         if (first, last) == (self.start_ns, self.end_ns):
             return self
         return self._replace(rows=None, start_ns=first, end_ns=last) if first <= last else None

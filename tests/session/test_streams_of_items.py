@@ -16,7 +16,7 @@ from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent,
 from fte_sniff.protocol.rows import Item, Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
-from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.session.following import Follower
 from fte_sniff.session.inputs import (
@@ -190,6 +190,13 @@ def test_a_gap_that_several_files_of_a_capture_report_is_one(
     assert len(files) > 1
     reading = InputReading([recording_input(Recording(path)) for path in files])
     assert [item for item in reading if isinstance(item, Gap) and item.rows] == [gap]
+    assert gap.start_ns is not None
+    for before_ns in (0, 1):  # of a part, the number of rows is unknown
+        span = TimeRange(gap.start_ns - before_ns, gap.start_ns - before_ns + 1)
+        reading = InputReading([recording_input(Recording(path)) for path in files], span)
+        part = gap._replace(rows=None, end_ns=gap.start_ns)
+        list(reading)
+        assert reading.reported_gaps == [part] * (before_ns == 0)
     follower = Follower(Recording(files[0], is_growing=True))
     found = until_rows(follower.items(None, lambda _note: None), 50)
     assert [item for item in found if isinstance(item, Gap)] == [gap]
