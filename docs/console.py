@@ -3,9 +3,10 @@
     python docs/console.py            run every command in a `console` block, insert its output
     python docs/console.py --check    report pages that are not current; exit 1 if any
 
-A command is a line that begins with `$ `. It runs in the top folder, without a terminal. Its output
-on both streams follows until the next command or the end of the block. Output that differs from run
-to run belongs into a `text` block. `docs/reference.py` makes the generated tables.
+A command is a line that begins with `$ `. It runs in the top folder, without a terminal, in the
+language of the page. Its output on both streams follows until the next command or the end of the
+block. Output that differs from run to run belongs into a `text` block. `docs/reference.py` makes
+the generated tables.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ BLOCK = re.compile(r"(?<=^```console\n).*?(?=^```$)", re.MULTILINE | re.DOTALL)
 
 
 @cache
-def output_of(command: str) -> str:
-    """The output of a command, without trailing spaces."""
+def output_of(command: str, locale: str) -> str:
+    """The output of a command in a locale, without trailing spaces."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-c", command],
         cwd=TOP,
-        env=os.environ | {"PATH": path, "COLUMNS": "80"},
+        env=os.environ | {"PATH": path, "COLUMNS": "80", "LC_ALL": "", "LANG": locale},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -40,12 +41,12 @@ def output_of(command: str) -> str:
     return "".join(f"{line.rstrip()}\n" for line in done.stdout.decode().splitlines())
 
 
-def refreshed(page: str) -> str:
+def refreshed(page: str, locale: str = "C.UTF-8") -> str:
     """The page with current outputs and tables."""
 
     def run(block: re.Match[str]) -> str:
         commands = [line for line in block.group().splitlines() if line.startswith("$ ")]
-        return "".join(f"{command}\n{output_of(command[2:])}" for command in commands)
+        return "".join(f"{command}\n{output_of(command[2:], locale)}" for command in commands)
 
     return BLOCK.sub(run, reference.refreshed(page))
 
@@ -58,7 +59,8 @@ def main() -> int:
     stale = 0
     for path in PAGES:
         page = path.read_text(encoding="utf-8")
-        fresh = refreshed(page)
+        is_chinese = "zh" in path.parts or "zh-CN" in path.name
+        fresh = refreshed(page, "zh_CN.UTF-8" if is_chinese else "C.UTF-8")
         if sys.argv[1:] != ["--check"]:
             path.write_text(fresh, encoding="utf-8")
         elif fresh != page:
