@@ -16,6 +16,7 @@ from fte_sniff.cli.main import fte_sniff
 from fte_sniff.errors import FileError
 from tests.cli.processes import BOUND_S, started, wait_until
 from tests.recording.conftest import unprivileged
+from tests.slow import crossed
 
 
 def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> None:
@@ -106,36 +107,38 @@ def test_an_mcap_without_our_topics(run, tmp_path: Path) -> None:
     refused(run("decode", "other.mcap"), 4, "other.mcap", "/imu")
 
 
-RULE = ("--expect", "count(malformed) >= 0")
+RULE = "count(malformed)>=0"
 
 
-@pytest.mark.parametrize("suffix", ["raw", "hex", "mcap"])
 @pytest.mark.parametrize(
-    "words",
-    [
-        ("stats", "FILE"),
-        ("stats", "FILE", "--format", "json"),
-        ("findings", "FILE"),
-        ("findings", "FILE", "--format", "json"),
-        ("check", "FILE", *RULE, "--format", "json"),
-        ("compare", "FILE", "FILE", "--format", "json"),
-        ("decode", "FILE", "--format", "csv"),
-        ("decode", "FILE", "--format", "jsonl"),
-        ("decode", "FILE", "-o", "out.parquet"),
-        ("report", "FILE", "-o", "out.html"),
-    ],
+    ("suffix", "words"),
+    crossed(
+        ["raw", "hex", "mcap"],
+        [
+            "stats FILE",
+            "stats FILE --format json",
+            "findings FILE",
+            "findings FILE --format json",
+            f"check FILE --expect {RULE} --format json",
+            "compare FILE FILE --format json",
+            "decode FILE --format csv",
+            "decode FILE --format jsonl",
+            "decode FILE -o out.parquet",
+            "report FILE -o out.html",
+        ],
+    ),
 )
 def test_name_that_is_not_utf8_has_one_form(
-    run, samples: Path, tmp_path: Path, words: tuple[str, ...], suffix: str
+    run, samples: Path, tmp_path: Path, words: str, suffix: str
 ) -> None:
     name = os.fsdecode(b"caf\xe9." + suffix.encode())
     (tmp_path / name).write_bytes((samples / f"damaged.{suffix}").read_bytes())
-    done = run(*(name if word == "FILE" else word for word in words))
+    done = run(*(name if word == "FILE" else word for word in words.split()))
     shown = done.stdout + done.stderr
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     assert "caf" not in shown.replace(f"caf\\udce9.{suffix}", "").replace(
         f"caf\\\\udce9.{suffix}", ""
     )
-    if words[0] == "stats":
+    if words.startswith("stats"):
         assert f"udce9.{suffix}" in shown
