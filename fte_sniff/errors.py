@@ -82,6 +82,8 @@ _MOST_QUOTED = 60
 
 def printable(text: str) -> str:
     """Escape the control characters of a text from outside, so that it is one line."""
+    if text.isprintable():
+        return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 

@@ -308,14 +308,16 @@ def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Row
     previous = np.where(before == NONE, NO_FACT, rows.payloads[before] if len(rows) else before)
     unanswered, answer_ns = np.full(len(rows), NO_FACT), np.full(len(rows), NO_FACT)
     missed, undecided = np.zeros(len(rows), np.int64), np.zeros(len(rows), np.bool_)
+    found = found.filter(pl.col("cmd").is_in(ANSWERABLE))
+    motors, commands, states = (found[name].to_numpy() for name in ("motor", "command", "state"))
+    delays = found["delay_ns"].fill_null(2**62).to_numpy()
     for motor in MOTORS:
-        own = found.filter(pl.col("motor") == motor, pl.col("cmd").is_in(ANSWERABLE))
-        at, state = own["command"].to_numpy(), own["state"].to_numpy()
-        delays = own["delay_ns"].fill_null(2**62).to_numpy()
+        own = motors == motor
+        at, state = commands[own], states[own]
         unanswered[at] = 0
         missed[at[state == AnswerState.UNANSWERED]] |= 1 << motor_bit(motor)
         undecided[at[state > AnswerState.UNANSWERED]] = True
-        answer_ns[at] = np.maximum(answer_ns[at], delays)
+        answer_ns[at] = np.maximum(answer_ns[at], delays[own])
     unanswered[undecided] = NO_FACT
     unanswered[missed > 0] = missed[missed > 0]
     answer_ns[answer_ns == 2**62] = NO_FACT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime, tzinfo
 from functools import lru_cache
 from os.path import commonprefix
@@ -122,7 +122,8 @@ def short_number(value: float) -> str:
 _SEPARATORS = "/\\:?& "
 
 
-def short_names(names: Sequence[str], width: int) -> dict[str, str]:
+@lru_cache(256)
+def short_names(names: tuple[str, ...], width: int) -> Mapping[str, str]:
     """Shorten names to at most `width` cells, keeping them distinct if the width allows.
 
     The common prefix, up to the last part of a path, is removed, and long names are cut at their

@@ -50,7 +50,7 @@ SETTLED = 10
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events that break the byte stream."""
 
-DRAIN_EVERY_NS = {True: 40_000_000, False: 250_000_000}
+DRAIN_EVERY_NS = {True: 100_000_000, False: 250_000_000}
 """Time of the line between two batches of rows, by whether a view shows them: a batch takes as long
 as many rows. A recording is flushed after a batch, or when a chunk is full."""
 

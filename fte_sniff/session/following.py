@@ -51,13 +51,14 @@ def grown(
         reader.grow(is_over=over and not reader.has_writer)
         chunks = reader.contents.chunks[seen:]
         seen += len(chunks)
+        if not chunks and not over:
+            yield NO_ROWS
+            time.sleep(poll_s)
+            continue
         yield from reader.read(chunks, span)
         gaps = [gap for gap in reader.gaps() if gap not in known]
         known += gaps
         yield from gaps
-        if not chunks and not over:
-            yield NO_ROWS
-            time.sleep(poll_s)
 
 
 class Follower:

@@ -55,15 +55,18 @@ from fte_sniff.tui.table import RowTable, TableHeader
 from fte_sniff.tui.typed import Turn, TypedKeys
 from fte_sniff.tui.view import Span, View
 
-TICK_S: Final = 0.125
-"""Time between two polls of the feed: rows come on the screen eight times a second."""
+TICK_S: Final = 0.03
+"""Time between two polls of the feed while nothing comes."""
+
+PAUSE_S: Final = 0.12
+"""Time from the drawing of rows to the next poll: they come at most six times a second."""
 
 NEWS_NS: Final = 500_000_000, 100_000_000
-"""Shortest time between two drawings of the motors and the page: while rows come, and while the
-cursor moves."""
+"""Shortest time between two drawings of the motors and the page: while rows come, which is also
+the longest without drawing the clock, and while the cursor moves."""
 
-SHARE: Final = 8
-"""What takes long to draw waits this many times as long until it is drawn again."""
+SHARE: Final = 64, 8
+"""What takes long to draw waits this many times as long, in the same cases."""
 
 FINDINGS_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings in a capture."""
@@ -117,7 +120,7 @@ class SniffApp(App[None]):
         self._asked: tuple[object, ...] = ()
         self._drawn: tuple[object, ...] = ()
         """What the user asked for and what came, as of the last drawing of the motors."""
-        self._draw_due_ns = self._search_due_ns = 0
+        self._draw_due_ns = self._search_due_ns = self._show_due_ns = 0
         self._span = Span(0, 0, None, None)
         self._states: Sequence[MotorState] = ()
         self._searched, self._examiner = -1, Examiner(self.view.store)
@@ -434,7 +437,7 @@ class SniffApp(App[None]):
         self.tick()
         if not self.view.state.live:
             self.table.jump(0)
-        self.set_interval(TICK_S, self._on_clock)
+        self.set_timer(TICK_S, self._on_clock)
 
     def on_unmount(self) -> None:
         """Remove an unfinished file."""
@@ -445,6 +448,8 @@ class SniffApp(App[None]):
         return monotonic_ns()
 
     def _on_clock(self) -> None:
+        """Poll and draw, and come back; later after rows, so that these are drawn together."""
+        rows = self.view.store.next
         if self._output is not None and self._output.is_gone:
             cast(Any, self._driver).hang_up()
         if not self.view.at_rest or self._is_stale or self._searched != self.view.store.known:
@@ -452,6 +457,8 @@ class SniffApp(App[None]):
         else:
             self.show_state()
         self.search.step()
+        is_soon = rows == self.view.store.next and not self.view.at_rest
+        self.set_timer(TICK_S if is_soon else PAUSE_S, self._on_clock)
 
     def tick(self) -> None:
         """Poll the feed, and draw what changed, unless the terminal is slow."""
@@ -476,8 +483,9 @@ class SniffApp(App[None]):
             return  # the terminal has not yet drawn what was written
         if self._is_stale:
             self._sync_table()
-            self._is_stale = False
-        self.show_state()
+        if self._is_stale or self.now_ns() >= self._show_due_ns:
+            self.show_state()
+        self._is_stale = False
 
     def _sync_table(self) -> None:
         first_ns, look = self.view.first_ns, self.table.look
@@ -568,17 +576,20 @@ class SniffApp(App[None]):
         self._asked = ()
         self.show_state()
 
+    @on(RowTable.Moved)
     def show_state(self) -> None:
         """Draw the lines, the motors and the page, as far as they have changed."""
         if not self.is_running or len(self.screen_stack) < 1:
             return
         self._look_at_finding()
+        self._show_due_ns = self.now_ns() + NEWS_NS[0]
         viewport, state = self.table.viewport, self.view.state
         mode = mode_of(state, at_end=viewport.following)
         if state.recording is not None and state.running and self._recording_since_ns is None:
             self._recording_since_ns = self.now_ns()
         since_ns = self.now_ns() - (self._recording_since_ns or self.now_ns())
         self.title_line.show(state, badge_text(state, mode, viewport.below), since_ns / 1e9)
+        self.notes.show()
         self.status.show(self._numbers())
         self.table.empty_text = self._empty_text()
         self._show_motors()
@@ -653,8 +664,8 @@ class SniffApp(App[None]):
             chosen,
         )
         pane.draw(self._page_context())
-        pause_ns = max(NEWS_NS[cursor is not None], SHARE * (self.now_ns() - now_ns))
-        self._draw_due_ns = now_ns + pause_ns
+        case, took_ns = cursor is not None, self.now_ns() - now_ns
+        self._draw_due_ns = now_ns + max(NEWS_NS[case], SHARE[case] * took_ns)
 
     def _times_of_trouble(self) -> dict[int, int]:
         """By motor, the start of the chosen finding, or in trouble, of the first that goes on."""
@@ -685,11 +696,6 @@ class SniffApp(App[None]):
         )
 
     # Messages of the parts
-
-    @on(RowTable.Moved)
-    def _on_table_moved(self) -> None:
-        self.notes.show()
-        self.show_state()
 
     @on(Pane.Changed)
     def _on_pane_changed(self) -> None:

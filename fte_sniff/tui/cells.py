@@ -251,7 +251,7 @@ def column_of(name: str, view: TableView) -> TableColumn:
     column, field = COLUMN_BY_NAME.get(name), FIELD_BY_NAME.get(name)
     texts = [name, *(column.words if column else ())]
     if name == "port":
-        texts += short_names([*map(printable, view.ports)], _PORT_WIDTH).values()
+        texts += short_names((*map(printable, view.ports),), _PORT_WIDTH).values()
     elif field is not None and field.legal_bits is None:
         texts += [str(field.low), str(field.high)]
     width = _WIDTHS.get(name) or max(map(len, texts))
@@ -274,8 +274,8 @@ def cell_of(name: str, value: Value, width: int, view: TableView) -> str:
             text = f"{value / 1e6:.3f} ms"
             return text if len(text) <= width else f"{value / 1e9:.3f} s"
         case "port", str():  # shortened, but still different from each other
-            names = [*map(printable, dict.fromkeys((*view.ports, value)))]
-            return short_names(names, width)[printable(value)]
+            names = map(printable, dict.fromkeys((*view.ports, value)))
+            return short_names(tuple(names), width)[printable(value)]
         case "kind", str():
             return short_kind(value, width)
         case "raw", str():

@@ -243,12 +243,13 @@ class Painter:
 
     def _strip(self, runs: Iterable[_Run], line: Style) -> Strip:
         # Fewer segments take less time to draw; `Strip.apply_style` takes five times as long.
-        joined = list[_Run]()
+        joined, last = list[_Run](), PLAIN
         for text, style in runs:
-            if joined and text.isspace() and not (_is_boxed(joined[-1][1]) or _is_boxed(style)):
-                joined[-1] = (joined[-1][0] + text, joined[-1][1])
+            if style is last or (text.isspace() and not (_is_boxed(last) or _is_boxed(style))):
+                joined.append((joined.pop()[0] + text if joined else text, last))
             elif text:
                 joined.append((text, style))
+                last = style
         strip = Strip([Segment(text, line + style) for text, style in joined])
         return strip.adjust_cell_length(self.width, line)
 

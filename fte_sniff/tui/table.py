@@ -15,6 +15,7 @@ from rich.cells import cell_len
 from rich.segment import Segment
 from rich.style import Style
 from textual import events, on
+from textual.filter import ANSIToTruecolor
 from textual.geometry import Region
 from textual.message import Message
 from textual.scroll_view import ScrollView
@@ -69,7 +70,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     ALLOW_SELECT = False
 
     class Moved(Message):
-        """The cursor, the window or the rows in it changed."""
+        """The cursor or the window was moved."""
 
     def __init__(self, view: View, header: TableHeader, look: TableView) -> None:
         super().__init__()
@@ -88,6 +89,8 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         self._hidden = 0
         self._lines: Sequence[TableLine] = ()
         self._drawn: tuple[object, ...] = ()
+        self._thumb = (0.0, 0.0)
+        """Length and top of the scroll bar's thumb, in eighths of a cell."""
 
     # What is under the cursor
 
@@ -140,6 +143,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def _moved(self) -> None:
         self._note_cursor()
         self.draw()
+        self.post_message(self.Moved())
 
     def move(self, by: int) -> None:
         """Move the cursor by rows."""
@@ -197,9 +201,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def draw(self) -> None:
         """Draw the window, where it has changed."""
         viewport, painter = self.viewport, self._painter
-        bar = self.vertical_scrollbar  # alone: a virtual size would be laid out at each row
-        bar.window_virtual_size, bar.window_size = viewport.count, viewport.height
-        bar.position = viewport.top
+        self._draw_bar()
         self._lines = self._window_lines()
         drawn = (painter, self._lines, viewport.cursor, self.scrollable_size, self.empty_text)
         if drawn != self._drawn:
@@ -208,7 +210,15 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
                 self._header.painter = painter
                 self._header.refresh()
             self.refresh()
-        self.post_message(self.Moved())
+
+    def _draw_bar(self) -> None:
+        """Draw the scroll bar, where its thumb has moved by an eighth of a cell."""
+        viewport, bar = self.viewport, self.vertical_scrollbar
+        eighth = max(1, viewport.count) / max(1, 8 * viewport.height)
+        thumb = viewport.height // eighth, viewport.top // eighth
+        if thumb != self._thumb:  # a virtual size of the table would be laid out at each row
+            self._thumb, bar.window_virtual_size = thumb, viewport.count
+            bar.window_size, bar.position = viewport.height, viewport.top
 
     def _window_lines(self) -> Sequence[TableLine]:
         viewport = self.viewport
@@ -311,10 +321,11 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
             self.call_later(self.sync)  # a layout may come without a Resize
         base, painter = self.rich_style, self._painter
         lines = [self._strip(y, base, painter) for y in crop.line_range]
-        filters, (_behind, background) = self.get_line_filters(), self.background_colors
-        for line_filter in filters:
-            lines = [line.apply_filter(line_filter, background) for line in lines]
-        return [line.crop_extend(crop.x, crop.right, base) for line in lines]
+        _behind, background = self.background_colors
+        for line_filter in self.get_line_filters():
+            if not isinstance(line_filter, ANSIToTruecolor):  # all colours are true
+                lines = [line.apply_filter(line_filter, background) for line in lines]
+        return [line.crop(crop.x, crop.right) for line in lines]
 
     def render_line(self, y: int) -> Strip:
         """A line of the window."""
@@ -351,6 +362,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
     def on_resize(self, event: events.Resize) -> None:
         """Draw as many rows as fit now."""
         self.sync()
+        self.post_message(self.Moved())
 
     @on(ScrollTo)
     @on(ScrollUp)
