@@ -39,6 +39,6 @@ def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[s
     assert row_frame(rows_from(rows), names).equals(row_frame(rows_from(rows)).select(wanted))
 
 
-def test_a_port_name_that_is_not_text_is_shown_with_a_mark() -> None:
+def test_a_port_name_that_is_not_text_is_escaped() -> None:
     frame = row_frame(rows_from([Row("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,), framed=False)]))
-    assert frame["port"].to_list() == ["/dev/?"]
+    assert frame["port"].to_list() == ["/dev/\\udc80"]
