@@ -39,6 +39,8 @@ LARGEST: Final = 64 * 1024 * 1024
 """Bytes of the largest unpacked chunk that is read."""
 
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
+_LISTED_AT: Final = 32
+"""Where a chunk index lists the message indexes of the chunk."""
 _FOOTER: Final = struct.Struct("<BQQQI")
 _MARK: Final = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 _MARK_OFFSET: Final = HEAD.size + _CHUNK_HEAD.size - 4
@@ -99,8 +101,11 @@ class Contents:
         kind = _RECORDS.get(opcode) or (_INDEXES.get(opcode) if self.is_indexed else None)
         if kind is None:
             return True
-        stream = BytesIO(body)
         try:
+            if kind is ChunkIndex:  # a long list of message indexes, which nobody reads
+                (size,) = struct.unpack_from("<I", body, _LISTED_AT)
+                body = body[:_LISTED_AT] + bytes(4) + body[_LISTED_AT + 4 + size :]
+            stream = BytesIO(body)
             record = kind.read(ReadDataStream(stream))
         except (McapError, struct.error, ValueError, OverflowError, MemoryError):
             return False

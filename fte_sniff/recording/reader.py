@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
-from itertools import accumulate, groupby, pairwise
+from itertools import accumulate, groupby
 from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
@@ -69,10 +69,9 @@ from fte_sniff.recording.skeletons import (
 )
 
 BATCH: Final = 1024 * 1024
-"""Unpacked bytes of one batch, at most; a larger chunk is one: it is not copied."""
+"""Unpacked bytes of a batch, about; a larger chunk is one: it is not copied."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
-_LATEST: Final = 2**63 - 1
 _MOST_TOPICS: Final = 10
 _MOST_LOSSES: Final = 10
 
@@ -82,7 +81,7 @@ class TimeRange:
     """A range of time, nanoseconds since 1970 UTC, without its end."""
 
     first_ns: int = 0
-    end_ns: int = _LATEST
+    end_ns: int = 2**63 - 1
 
     def overlaps(self, first_ns: int, last_ns: int) -> bool:
         """Whether the range overlaps the time from `first_ns` to `last_ns`, both included."""
@@ -416,7 +415,7 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
     blocks = [total // BATCH for total in accumulate(sizes, initial=0)]
-    for _, own in groupby(zip(pairwise(blocks), chunks, strict=True), key=itemgetter(0)):
+    for _, own in groupby(zip(blocks, chunks, strict=False), key=itemgetter(0)):
         yield [one for _, one in own]
 
 
@@ -475,7 +474,6 @@ def _scanned(records: bytes) -> Messages | None:
 
 
 _INDEX_HEAD: Final = HEAD.size + 6
-_ENTRY: Final = 16
 
 
 def _indexed(indexes: memoryview, records: bytes) -> Messages | None:
@@ -484,7 +482,7 @@ def _indexed(indexes: memoryview, records: bytes) -> Messages | None:
     while at + _INDEX_HEAD <= len(indexes):
         length = HEAD.unpack_from(indexes, at)[1]
         body = indexes[at + _INDEX_HEAD : at + HEAD.size + length]
-        places.append(np.frombuffer(body[: len(body) // _ENTRY * _ENTRY], "<u8")[1::2])
+        places.append(np.frombuffer(body[: len(body) // 16 * 16], "<u8")[1::2])
         at += HEAD.size + length
     starts = np.sort(np.concatenate(places).view("<i8"), kind="stable")  # a merge of sorted runs
     if not len(starts) or starts[0] < 0 or int(starts[-1]) + MESSAGE_HEAD > len(records):

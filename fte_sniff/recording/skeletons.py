@@ -298,11 +298,9 @@ class MessageDecoder:
                     windows, own = windows[1:], own[1:]
                     continue
             fits = known[number].fitting(windows)
-            if fits.all():
-                yield own, known[number].store(windows, own, columns)
-                return
             if fits.any():
-                yield own[fits], known[number].store(windows[fits], own[fits], columns)
+                some = slice(None) if fits.all() else fits
+                yield own[some], known[number].store(windows[some], own[some], columns)
                 windows, own = windows[~fits], own[~fits]
             number += 1
 
