@@ -69,7 +69,7 @@ from fte_sniff.recording.skeletons import (
 )
 
 BATCH: Final = 1024 * 1024
-"""Unpacked bytes of a batch, about; a larger chunk is one: it is not copied."""
+"""Unpacked bytes of a batch, about; a larger chunk is one of its own: it is not copied."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
 _MOST_TOPICS: Final = 10
@@ -414,9 +414,9 @@ def _type_of(name: str, data: bytes) -> MessageType:
 def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
-    blocks = [total // BATCH for total in accumulate(sizes, initial=0)]
-    for _, own in groupby(zip(blocks, chunks, strict=False), key=itemgetter(0)):
-        yield [one for _, one in own]
+    spans = zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
+    for _, own in groupby(spans, key=lambda span: (span[0] // BATCH, span[1] // BATCH)):
+        yield [one for *_, one in own]
 
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
