@@ -131,7 +131,7 @@ def translated(text: str) -> str:
 @lru_cache(500)
 def _of_finished(texts: gettext.NullTranslations, text: str) -> str:
     known = _catalogued(texts)
-    if not known or text in known or " " not in text:
+    if not known or text in known or " " not in text or len(text) > _MOST_LETTERS:
         return known.get(text, text)
     for form, pattern in _patterns(texts):
         if (found := pattern.fullmatch(text)) is not None:
@@ -157,6 +157,8 @@ def _filled(form: str, values: Mapping[str, str]) -> str:
 _VALUE: Final = re.compile(r"\{(\w+)[^{}]*\}")
 _LEAST_LETTERS: Final = 4
 """Letters of a form that can be recognised; `{what}; {fix}` has none."""
+_MOST_LETTERS: Final = 500
+"""Characters of a text that is recognised, so that a hostile one does not take long."""
 
 
 def _catalogued(texts: gettext.NullTranslations) -> Mapping[str, str]:

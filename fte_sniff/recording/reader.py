@@ -121,8 +121,7 @@ class Recording:
         self._decoder = MessageDecoder()
         self._has_rows = False
         with self._open() as file:
-            found = os.fstat(file.fileno())
-            self._identity = found.st_dev, found.st_ino
+            self._found = os.fstat(file.fileno())
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
             # Without a summary, only the chunks have the definitions.
             first = [] if self.contents.is_indexed else self.contents.chunks[:1]
@@ -235,13 +234,15 @@ class Recording:
         """
         contents, last = self.contents, self.contents.chunks[-1:]
         with self._open() as file:
-            found = os.fstat(file.fileno())
-            is_same = (found.st_dev, found.st_ino) == self._identity
-            if not is_same or found.st_size < sum(one.end for one in last):
+            before, self._found = self._found, os.fstat(file.fileno())
+            is_same, size = os.path.samestat(before, self._found), self._found.st_size
+            if not is_same or size < sum(one.end for one in last):
                 raise FileError(
                     "{path} was replaced by another file, or cut off, while it was followed",
                     path=self.path,
                 )
+            if size == before.st_size and not is_over:
+                return []
             added = walk(file, sum(one.start for one in last), is_growing=not is_over)
         contents.chunks += added.chunks[len(last) :]
         contents.metadata += [one for one in added.metadata if one not in contents.metadata]

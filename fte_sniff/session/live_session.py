@@ -32,8 +32,8 @@ END_WITHIN_S = 5.0
 WAIT_S = 0.1
 """Seconds that one wait lasts in which Ctrl-C is noticed."""
 
-POLL_S = 0.02
-"""Interval at which the file is polled."""
+POLL_S = {True: 0.02, False: 0.2}
+"""Interval at which the file is polled, by whether the view shows its rows."""
 
 _KILLED = TranslatableText(
     "the capture did not end within {seconds:g} s and was killed", seconds=END_WITHIN_S
@@ -105,7 +105,7 @@ class LiveSession(ItemFeed):
 
     def _items(self) -> Iterator[Item]:
         """The items of the recording's files, in a thread; one that disappears is left."""
-        number, known = 0, list[Gap]()
+        number, known, poll_s = 0, list[Gap](), POLL_S[self._plan.shows_rows]
 
         def is_over() -> bool:
             return self.capture.is_ended or len(self.capture.recordings) > number
@@ -118,13 +118,13 @@ class LiveSession(ItemFeed):
                 number += 1
                 try:
                     reader = Recording(path, is_growing=True)
-                    yield from grown(reader, is_over, known, POLL_S)
+                    yield from grown(reader, is_over, known, poll_s)
                 except FileError as error:
                     yield Gap(GapKind.NOT_SHOWN, reason=error.message)
             elif is_last:
                 return
             else:
-                time.sleep(POLL_S)
+                time.sleep(poll_s)
 
     def stop(self) -> None:
         """Request the end of the capture; returns at once, may be called again."""
