@@ -319,13 +319,13 @@ def _screen(rows: int, text: str) -> None:
             count = min(BATCH, rows - came)
             came += count
             timed = Rows({**old.columns, **times}, old.ports)
-            yield FeedUpdate(FeedState("loading", rows=came), timed[:count])
+            yield FeedUpdate(FeedState("loading"), timed[:count])
         start = time.monotonic()
         while True:
             due = rows + int((time.monotonic() - start) * PER_SECOND)
             new = made(came, due - came, time.time_ns())
             came = due
-            yield FeedUpdate(FeedState("READY", rows=came), rows_from(new))
+            yield FeedUpdate(FeedState("READY"), rows_from(new))
 
     class GrowingFeed:
         def __init__(self) -> None:

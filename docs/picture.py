@@ -119,12 +119,8 @@ class SimulatedFeed:
         due = len(self._rows) - max(0, POLLS - self._polls) * RATE * POLL_NS // 10**9
         rows = self._rows[self._given : due]
         self._given += len(rows)
-        state = FeedState(
-            PORT,
-            "fte-sniff-20260131T120000Z.mcap",
-            rows=self._given,
-            recorded_bytes=self._given * ROW_BYTES,
-        )
+        recording, size = "fte-sniff-20260131T120000Z.mcap", self._given * ROW_BYTES
+        state = FeedState(PORT, recording, recorded_bytes=size)
         return FeedUpdate(state, rows)
 
     def stop(self) -> None:

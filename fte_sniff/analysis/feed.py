@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple
 
 from fte_sniff.protocol.items import Change, PortEvent
 from fte_sniff.protocol.rows import NO_ROWS, Rows
 
 
-@dataclass(frozen=True, slots=True)
-class FeedState:
+class FeedState(NamedTuple):
     """State of the source of the rows, as of one poll."""
 
     title: str
@@ -26,8 +24,6 @@ class FeedState:
     """What went wrong although it runs on, one line for people: the recording has stopped."""
     waiting: bool = False
     """Whether a port is lost, and the source waits for it."""
-    rows: int = 0
-    """All rows so far."""
     progress: float | None = None
     """How much of a file is read, 0 to 1; None for a live source."""
     live: bool = True
@@ -40,23 +36,12 @@ class FeedState:
     """Size of the recording's files."""
 
 
-@dataclass(frozen=True, slots=True)
-class FeedUpdate:
+class FeedUpdate(NamedTuple):
     """What came since the previous poll."""
 
     state: FeedState
     rows: Rows = NO_ROWS
     """In display order."""
-    events: Sequence[PortEvent] = field(default=())
-    changes: Sequence[Change] = field(default=())
+    events: Sequence[PortEvent] = ()
+    changes: Sequence[Change] = ()
     """Gaps and baud changes between the rows, by rising index."""
-
-
-class Feed(Protocol):
-    """A source of rows for a view. Both methods return at once."""
-
-    def poll(self) -> FeedUpdate:
-        """What came since the previous poll; never blocks; may be called after the end."""
-
-    def stop(self) -> None:
-        """Ask the source to end; a later poll reports the end. Calling it again does nothing."""

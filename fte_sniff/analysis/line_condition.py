@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
@@ -33,8 +32,7 @@ class LineCondition(StrEnum):
     UNREADABLE = "unreadable"
 
 
-@dataclass(frozen=True, slots=True)
-class LineDiagnosis:
+class LineDiagnosis(NamedTuple):
     """State of a line, and what was received."""
 
     condition: LineCondition
@@ -44,11 +42,6 @@ class LineDiagnosis:
     """Share of them in readable frames, 0 to 1."""
     directions: frozenset[Direction] = frozenset()
     """Those of the frames."""
-
-    @property
-    def has_frames(self) -> bool:
-        """Whether frames prove that baud rate and polarity are right."""
-        return self.condition in (LineCondition.SOUND, LineCondition.DAMAGED)
 
 
 def diagnose(data: bytes) -> LineDiagnosis:

@@ -10,8 +10,7 @@ recording, and after any filter. A screen calls it with the rows of some seconds
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -28,11 +27,12 @@ from fte_sniff.analysis.relations import (
     Runs,
     answers,
     feedback_with,
+    last_of,
     with_late,
 )
 from fte_sniff.errors import TranslatableText
-from fte_sniff.protocol.rows import NO_TIME, Bools, Ints, Rows
-from fte_sniff.protocol.spec import KINDS, MOTORS, NAME_OF_ROLE, FrameKind, Role, motor_bit
+from fte_sniff.protocol.rows import NO_TIME, Bools, Row, Rows
+from fte_sniff.protocol.spec import MOTORS, Role, motor_bit
 
 HEALTH_NS: Final = 10_000_000_000
 """Time over which a motor's answers, damage and flags are judged."""
@@ -59,24 +59,14 @@ class Trouble(Enum):
     """It had neither commands nor feedback."""
 
 
-class Reading(NamedTuple):
-    """The latest frame of a motor."""
-
-    values: Mapping[str, int]
-    """By row name, without the motor."""
-    kind: FrameKind
-    t_ns: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class MotorState:
+class MotorState(NamedTuple):
     """State of one motor at one row; an unknown value is None, never 0."""
 
     motor: int
-    target: Reading | None
+    target: Row | None
     """The latest command to it, also of a command to all motors."""
-    present: Mapping[FrameKind, Reading]
-    """By kind of feedback, the latest frame."""
+    present: Sequence[Row]
+    """The latest frame of each kind of feedback."""
     answered: int
     """Commands in the last 10 s that were answered; 0 where that cannot be known."""
     unanswered: int
@@ -125,12 +115,8 @@ def _state(
     trouble = next((one for one, holds in troubles.items() if holds), Trouble.NONE)
     return MotorState(
         motor=motor,
-        target=_reading(rows, commands),
-        present={
-            KINDS[code]: reading
-            for code in np.unique(kinds[feedback]).tolist()
-            if (reading := _reading(rows, feedback[kinds[feedback] == code]))
-        },
+        target=rows[int(commands[-1])] if len(commands) else None,
+        present=[*rows.select(feedback[last_of(kinds[feedback].astype(np.int64))])],
         answered=answered,
         unanswered=unanswered,
         delay_p99_ns=recent["delay_ns"].quantile(0.99, "equiprobable"),
@@ -149,15 +135,3 @@ def _is_late(found: pl.DataFrame, motor: int) -> bool:
     others = [value for (of, recent), value in own.items() if recent and of != motor]
     most = max(others, key=lambda one: one[0] / one[1], default=None)
     return any(is_more(now, one) for one in (before, most) if one is not None)
-
-
-def _reading(rows: Rows, at: Ints) -> Reading | None:
-    """The last of some frames of a motor."""
-    if not len(at):
-        return None
-    last = int(at[-1])
-    kind = KINDS[rows.kinds[last]]
-    values = {one.name: one.read(rows.raw[last].tobytes()) for one in kind.fields}
-    values.pop(NAME_OF_ROLE[Role.MOTOR], None)
-    t_ns = int(rows.t_ns[last])
-    return Reading(values, kind, None if t_ns == NO_TIME else t_ns)

@@ -8,7 +8,7 @@ import numpy as np
 
 from fte_sniff.analysis.relations import values_at
 from fte_sniff.protocol.rows import Floats, Ints, Rows
-from fte_sniff.protocol.spec import KINDS, MOTORS, Direction
+from fte_sniff.protocol.spec import KINDS, Direction
 
 
 class Envelope(NamedTuple):
@@ -24,8 +24,8 @@ def envelope(t_ns: Ints, values: Ints, span: tuple[int, int], columns: int) -> E
 
     A plot of a motor takes the rows of its span, and a column for each dot:
 
-        series = motor_values(store.between(*span), Direction.FEEDBACK, "rpm")
-        low, high, last = envelope(*series[motor], span, columns)
+        series = motor_values(rows, motor, Direction.FEEDBACK, "rpm")
+        low, high, last = envelope(*series, span, columns)
     """
     start, stop = span
     edges = start + np.arange(columns + 1) * (stop - start) // columns
@@ -40,8 +40,8 @@ def envelope(t_ns: Ints, values: Ints, span: tuple[int, int], columns: int) -> E
     return Envelope(*found)
 
 
-def motor_values(rows: Rows, direction: Direction, name: str) -> dict[int, tuple[Ints, Ints]]:
-    """By motor, the times and values of a quantity (`rpm`): its targets, or its feedback.
+def motor_values(rows: Rows, motor: int, direction: Direction, name: str) -> tuple[Ints, Ints]:
+    """The times and values of a quantity of a motor (`rpm`): its targets, or its feedback.
 
     Times rise; a row that is earlier than the one before it counts as of the time of that one.
     """
@@ -50,7 +50,5 @@ def motor_values(rows: Rows, direction: Direction, name: str) -> dict[int, tuple
         for code, kind in enumerate(KINDS)
         if kind.direction is direction and kind.names_motor and kind.subject == name
     ]
-    at = np.flatnonzero(np.isin(rows.kinds, codes) & rows.timed)
-    values, nums = values_at(rows, name, at), rows.nums[at]
-    t_ns = np.maximum.accumulate(rows.t_ns[at])
-    return {motor: (t_ns[nums == motor], values[nums == motor]) for motor in MOTORS}
+    at = np.flatnonzero(np.isin(rows.kinds, codes) & (rows.nums == motor) & rows.timed)
+    return np.maximum.accumulate(rows.t_ns[at]), values_at(rows, name, at)

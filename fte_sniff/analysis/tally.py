@@ -53,8 +53,3 @@ class Tally:
         for bits, count in self.by_bits.items():
             found[status_of(faults_in(bits))] += count
         return found
-
-    @property
-    def malformed(self) -> int:
-        """Malformed rows."""
-        return self.by_status[Status.MALFORMED]

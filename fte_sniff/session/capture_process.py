@@ -121,7 +121,7 @@ class CaptureLoop:
         self._merge = Merge()
         self._merge.lanes += [wire.lane for wire in self._wires.values()]
         self._remaining = plan.count
-        self._rows = self._turns = 0
+        self._turns = 0
         self._is_ending = self._is_mixed = False
         self._now_ns = self._drain_ns = self._undrained = 0
         self._writing_since_s: float | None = None
@@ -166,7 +166,6 @@ class CaptureLoop:
             self._error if is_ended else recorder.trouble,
             is_ended,
             self._reason,
-            self._rows,
             recorder.unflushed_rows,
             self._source.waiting,
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
@@ -250,7 +249,6 @@ class CaptureLoop:
             self._remaining -= len(rows)
             if not self._remaining:
                 self._source.stop()
-        self._rows += len(rows)
         unordered = uncertain(rows, self._source.uncertainty_ns)
         return rows.replace(unordered=unordered) if unordered.any() else rows
 

@@ -84,10 +84,8 @@ class CaptureState:
     """Whether the capture is over and its file is closed."""
     reason: str | None = None
     """Why it ended, in one line; None if it was requested."""
-    rows: int = 0
-    """All rows so far."""
     unrecorded: int = 0
-    """Rows of them that are not in the file yet."""
+    """Rows that are not in the file yet."""
     waiting: int = 0
     """Bytes that were read and are in no row yet."""
     is_slow: bool = False

@@ -183,7 +183,7 @@ def _probe(port: str, settings: PortSettings, verdict: LineDiagnosis) -> Diagnos
             continue
         with closing(opened):
             judged = diagnose(read_for(port, opened, _PROBE_S, _PROBE_BYTES))
-        if judged.has_frames:
+        if judged.condition in (LineCondition.SOUND, LineCondition.DAMAGED):
             found[baud] = judged
         if judged.condition is LineCondition.SOUND:
             break

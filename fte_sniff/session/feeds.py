@@ -60,8 +60,12 @@ class ItemFeed(ABC):
     def state(self) -> FeedState:
         """The state of the source."""
 
+    @abstractmethod
+    def stop(self) -> None:
+        """Request the end, which a later poll reports; returns at once, may be called again."""
+
     def poll(self) -> FeedUpdate:
-        """What was read since the previous call; never blocks."""
+        """What was read since the previous call; never blocks; may be called after the end."""
         return self._update(0, MAX_ROWS_PER_POLL)
 
     def wait(self, timeout_s: float) -> FeedUpdate:
@@ -162,7 +166,6 @@ class FileFeed(ItemFeed):
             trouble=self.damage,
             live=self._is_live,
             follows=self._follows,
-            rows=self.rows,
             progress=min(1.0, self.rows / total) if total else None,
             files=self._files,
         )

@@ -175,7 +175,6 @@ class LiveSession(ItemFeed):
             waiting=running and bool(self._lost),
             ended=None if running else state.reason or TranslatableText("stopped"),
             trouble=state.error.message if running and state.error else state.backlog,
-            rows=state.rows,
             files=() if is_temporary else state.recordings,
             recorded_bytes=state.size,
         )

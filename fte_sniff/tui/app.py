@@ -23,7 +23,7 @@ from textual.events import Event, Key, MouseDown
 from textual.screen import Screen
 from textual.widgets import Footer, Input
 
-from fte_sniff.analysis.feed import Feed, FeedUpdate
+from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
 from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.analysis.time_text import LOCAL
@@ -33,6 +33,8 @@ from fte_sniff.i18n import LANGUAGES, THEMES, _, choice_after, set_language, swi
 from fte_sniff.platform import POSIX
 from fte_sniff.protocol.columns import zone_at
 from fte_sniff.protocol.dissect import dissect
+from fte_sniff.protocol.spec import Status
+from fte_sniff.session.feeds import ItemFeed
 from fte_sniff.tui.cells import TimeStyle
 from fte_sniff.tui.commands import COMMANDS, FOOTER, Needs
 from fte_sniff.tui.detail import DetailPage
@@ -99,7 +101,7 @@ class SniffApp(App[None]):
         Binding("ctrl+q", "quit", show=False, priority=True),
     ]
 
-    def __init__(self, feed: Feed, options: StartOptions = DEFAULTS) -> None:
+    def __init__(self, feed: ItemFeed, options: StartOptions = DEFAULTS) -> None:
         """Build the screen."""
         super().__init__()
         set_language(options.language)
@@ -610,15 +612,15 @@ class SniffApp(App[None]):
     def _numbers(self) -> list[Text]:
         """The numbers of the status line, the most important first."""
         view, tally, viewport = self.view, self.view.tally, self.table.viewport
-        parts = [_("{count:,} rows", count=view.state.rows)]
+        parts = [_("{count:,} rows", count=tally.rows)]
         if self.filters.current:
             parts = [f"{_('filter')} {self.filters.text}"]
         if self.search.text:
             parts.append(self.search.text)
-        if tally.malformed:
-            share = tally.malformed / tally.rows
+        if malformed := tally.by_status[Status.MALFORMED]:
+            share = malformed / tally.rows
             text = "<0.1%" if share < 0.001 else f"{share:.1%}"
-            parts.append(_("{count:,} malformed ({share})", count=tally.malformed, share=text))
+            parts.append(_("{count:,} malformed ({share})", count=malformed, share=text))
         if viewport.count and not viewport.following:
             parts.append(_("row {number:,}", number=viewport.cursor + 1))
         rate = view.frames_per_s(self.now_ns())
@@ -733,7 +735,7 @@ class SniffApp(App[None]):
         )
 
 
-def run_screen(feed: Feed, options: StartOptions = DEFAULTS) -> int:
+def run_screen(feed: ItemFeed, options: StartOptions = DEFAULTS) -> int:
     """Show the feed until the user quits or a signal comes, then stop the feed.
 
     `on_exit` is called with the counts over all rows. Returns 0, or another number where the screen

@@ -86,7 +86,7 @@ class _Drawing:
         """Target and feedback of a quantity."""
         found, firsts = [], []
         for direction in (Direction.CONTROL, Direction.FEEDBACK):
-            t_ns, values = motor_values(self.rows, direction, name)[motor]
+            t_ns, values = motor_values(self.rows, motor, direction, name)
             found.append(envelope(t_ns, values, self.plotted, columns))
             before = int(np.searchsorted(t_ns, self.plotted[0]))
             firsts.append(float(values[before - 1]) if before else np.nan)
@@ -199,7 +199,7 @@ def _plots(state: MotorState, drawing: _Drawing, width: int, height: int) -> lis
     if not shown:
         return []
     present = latest(state, None)
-    mode = present.kind.subject if present else None
+    mode = present.kind.subject if present and present.kind else None
     if height < 4 * len(shown):
         name = mode if mode in shown else next(iter(shown))
         shown = {name: shown[name]}

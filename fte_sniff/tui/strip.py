@@ -15,9 +15,10 @@ from textual.events import Click
 from textual.reactive import reactive
 from textual.widget import Widget
 
-from fte_sniff.analysis.motors import MotorState, Reading, Trouble
+from fte_sniff.analysis.motors import MotorState, Trouble
 from fte_sniff.formats.cell_text import UNKNOWN, fit, padded
 from fte_sniff.i18n import _
+from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FIELD_BY_NAME, MOTORS, Direction, Status
 from fte_sniff.tui.painter import BOLD, PLAIN, Palette
 
@@ -42,25 +43,25 @@ def style_of(trouble: Trouble, palette: Palette) -> Style:
 
 def target_text(state: MotorState) -> str:
     """Mode, target → present value, and unit; a dash for what is unknown."""
-    target, present = state.target, latest(state, None)
-    has_goal = target is not None and target.kind.names_motor
-    subject = target.kind.subject if target is not None and has_goal else None
-    if subject is not None:
-        present = latest(state, subject)
-    kind = target.kind if target else present.kind if present else None
+    target = state.target
+    asked = target.kind if target else None
+    subject = asked.subject if asked and asked.names_motor else None
+    goal = f"{target.values[subject]}" if target and subject else ""
+    present = latest(state, subject)
+    reported = present.kind if present else None
+    kind = asked or reported
     if kind is None:
         return UNKNOWN
-    subject = subject or (present.kind.subject if present else None)
-    goal = f"{target.values[subject]}" if target and has_goal and subject else ""
+    subject = subject or (reported.subject if reported else None)
     now = f"{present.values[subject]}" if present and subject else UNKNOWN
     mode = kind.name.removesuffix(f"_{Direction.FEEDBACK}")
     unit = FIELD_BY_NAME[subject].unit if subject else ""
     return f"{fit(mode, 8)} {goal:>6} → {now:>6} {padded(unit, 6)}"
 
 
-def latest(state: MotorState, subject: str | None) -> Reading | None:
+def latest(state: MotorState, subject: str | None) -> Row | None:
     """The latest feedback about a quantity, or about any."""
-    found = [one for kind, one in state.present.items() if subject in (None, kind.subject)]
+    found = [one for one in state.present if one.kind and subject in (None, one.kind.subject)]
     return max(found, key=lambda one: one.t_ns or 0, default=None)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.feed import Feed, FeedState, FeedUpdate
+from fte_sniff.analysis.feed import FeedState, FeedUpdate
 from fte_sniff.analysis.motors import MotorState, motors_at
 from fte_sniff.analysis.relations import NONE, AnswerState, answers
 from fte_sniff.analysis.store import RowStore
@@ -17,6 +17,7 @@ from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol.items import BaudChange, GapKind, PortEventKind
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import DEFAULT_BAUD, byte_time_ns
+from fte_sniff.session.feeds import ItemFeed
 from fte_sniff.tui.shown import Shown
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ _PLACED: Final = frozenset(PortEventKind) - {PortEventKind.LINE_ERROR}
 class View:
     """A feed, the store of its rows, those that are shown, and counts over all."""
 
-    def __init__(self, feed: Feed, pulses_per_turn: float | None, alert: Alert | None) -> None:
+    def __init__(self, feed: ItemFeed, pulses_per_turn: float | None, alert: Alert | None) -> None:
         self.store = RowStore()
         self.shown = Shown(self.store)
         self.pulses_per_turn, self.alert = pulses_per_turn, alert
@@ -131,7 +132,8 @@ class View:
         self._store(update)
         if len(update.rows):
             self.tally.observe(update.rows)
-            self._note_times(update.rows, now_ns)
+            self._newest_at_ns = now_ns
+            self.first_ns, self.last_ns = self.tally.times or (None, None)
         if ended:
             self.store.end()
         self.shown.follow()
@@ -157,14 +159,6 @@ class View:
             self.events[event.port, event.kind] += max(1, event.count)
             if event.kind in _PLACED:
                 self.shown.place(event, self.store.index_at(event.t_ns))
-
-    def _note_times(self, rows: Rows, now_ns: int) -> None:
-        timed = rows.t_ns[rows.timed]
-        if len(timed):
-            first_ns, last_ns = int(timed.min()), int(timed.max())
-            self.first_ns = first_ns if self.first_ns is None else min(first_ns, self.first_ns)
-            self.last_ns = last_ns if self.last_ns is None else max(last_ns, self.last_ns)
-            self._newest_at_ns = now_ns
 
     @property
     def lives(self) -> bool:

@@ -8,7 +8,7 @@ import pytest
 from fte_sniff.analysis.motors import MotorState, Trouble, motors_at
 from fte_sniff.analysis.plots import envelope, motor_values
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import KIND_BY_NAME, Direction
+from fte_sniff.protocol.spec import Direction
 from tests.analysis.captures import (
     MS,
     SECOND,
@@ -49,8 +49,7 @@ def test_motor_in_order() -> None:
     assert state.delay_p99_ns == 3 * MS
     assert state.target is not None
     assert state.target.values["rpm"] == 100
-    present = state.present[KIND_BY_NAME["speed_feedback"]]
-    assert (present.values["rpm"], present.t_ns) == (100, HEALTHY[-5].t_ns)
+    assert [(one.values["rpm"], one.t_ns) for one in state.present] == [(100, HEALTHY[-5].t_ns)]
 
 
 def test_motor_from_which_nothing_comes_any_more_is_not_ok() -> None:
@@ -119,10 +118,10 @@ def test_rows_without_times_have_values_and_no_rates() -> None:
 
 def test_envelope_has_the_extremes_and_last_value_of_each_column() -> None:
     rows = rows_from([frame("speed_feedback", at, rpm=int(at % 7)) for at in range(100)])
-    t_ns, values = motor_values(rows, Direction.FEEDBACK, "rpm")[1]
+    t_ns, values = motor_values(rows, 1, Direction.FEEDBACK, "rpm")
     low, high, last = envelope(t_ns, values, (START, START + 200 * MS), 20)
     assert low[:10].tolist() == [0] * 10
     assert high[:10].tolist() == [6] * 10
     assert last[:10].tolist() == [(10 * at + 9) % 7 for at in range(10)]
     assert np.isnan([low[10:], high[10:], last[10:]]).all()
-    assert not len(motor_values(rows, Direction.CONTROL, "rpm")[1][0])
+    assert not len(motor_values(rows, 1, Direction.CONTROL, "rpm")[0])

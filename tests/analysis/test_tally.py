@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from fte_sniff.analysis.tally import Tally
 from fte_sniff.protocol.rows import Row
-from fte_sniff.protocol.spec import Status
 from tests.support.columns import rows_from
 
 
@@ -22,7 +21,6 @@ def test_a_tally_equals_a_count_by_hand(rows: list[Row], cut: int) -> None:
     times = [row.t_ns for row in rows if row.t_ns is not None]
     assert (tally.rows, tally.frames) == (len(rows), sum(row.framed for row in rows))
     assert tally.times == ((min(times), max(times)) if times else None)
-    assert tally.malformed == sum(row.status is Status.MALFORMED for row in rows)
     assert tally.by_status == Counter(row.status for row in rows)
     by_hand = Counter(fault for row in rows for fault in row.faults)
     assert tally.by_fault == by_hand

@@ -21,7 +21,7 @@ from tests.waiting import BOUND_S
 
 def test_state_is_one_line_that_gives_the_state() -> None:
     error = FileError("{path}: {why}", path=Path("x"), why=TranslatableText("is full"))
-    state = CaptureState(["é.mcap"], None, "/dev/pts/3", error, rows=12)
+    state = CaptureState(["é.mcap"], None, "/dev/pts/3", error, unrecorded=12)
     line = state.line()
     assert line.count(b"\n") == 1
     found = CaptureState.parse(line)

@@ -39,13 +39,12 @@ class ListFeed:
 
     def give(self, rows: Sequence[Row]) -> None:
         self._rows += rows
-        self.state = replace(self.state, rows=self.state.rows + len(rows))
 
     def emit(self, event: PortEvent) -> None:
         self._events.append(event)
 
     def end(self, why: str | None = None) -> None:
-        self.state = replace(self.state, running=False, ended=why)
+        self.state = self.state._replace(running=False, ended=why)
 
     def poll(self) -> FeedUpdate:
         update = FeedUpdate(self.state, rows_from(self._rows), self._events, self.changes)

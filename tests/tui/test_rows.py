@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import random
-from dataclasses import replace
 
 import pytest
 
@@ -283,7 +282,7 @@ def test_changed_bytes_are_off_at_the_start_and_shown_by_d(feed: ListFeed) -> No
 
 def test_the_least_window_has_the_mode(feed: ListFeed) -> None:
     feed.give(speed_rows(5))
-    feed.state = replace(feed.state, recording=None)
+    feed.state = feed.state._replace(recording=None)
 
     async def scenario(app: SniffApp) -> None:
         assert lines(app)[0].endswith(" LIVE")
