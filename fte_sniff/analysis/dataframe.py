@@ -12,11 +12,10 @@ answer_ms, unanswered    Float64, Boolean; motor_hint Int8; null in rows without
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
-import polars.selectors as cs
 
 from fte_sniff.errors import encodable
 from fte_sniff.protocol.columns import COLUMNS, PREVIOUS, Column, ColumnType
@@ -88,9 +87,3 @@ def known_only(numbers: Array, known: Bools | None) -> pl.Series:
     if known is None or known.all():
         return values
     return values.zip_with(pl.Series(known), pl.Series([None], dtype=values.dtype))
-
-
-def row_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
-    """`table_frame` to compute with: whole numbers have 64 bits, and words in lists are text."""
-    wide: dict[Any, pl.DataType] = {cs.integer(): pl.Int64(), cs.list(): pl.List(pl.String())}
-    return table_frame(rows, names).cast(wide)

@@ -4,7 +4,7 @@ import polars as pl
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.dataframe import TABLE_SCHEMA, row_frame, table_frame
+from fte_sniff.analysis.dataframe import TABLE_SCHEMA, table_frame
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, ColumnType, record
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import Fault
@@ -36,9 +36,11 @@ def test_a_frame_has_the_types_of_the_contract(rows: list[Row]) -> None:
 @given(ROWS, st.sets(st.sampled_from(list(COLUMN_BY_NAME)), min_size=1))
 def test_some_columns_are_those_of_the_whole_frame(rows: list[Row], names: set[str]) -> None:
     wanted = [name for name in COLUMN_BY_NAME if name in names]
-    assert row_frame(rows_from(rows), names).equals(row_frame(rows_from(rows)).select(wanted))
+    assert table_frame(rows_from(rows), names).equals(table_frame(rows_from(rows)).select(wanted))
 
 
 def test_a_port_name_that_is_not_text_is_escaped() -> None:
-    frame = row_frame(rows_from([Row("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,), framed=False)]))
+    frame = table_frame(
+        rows_from([Row("/dev/\udc80", 0, b"\0", None, (Fault.NOISE,), framed=False)])
+    )
     assert frame["port"].to_list() == ["/dev/\\udc80"]

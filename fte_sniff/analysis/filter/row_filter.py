@@ -16,7 +16,7 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from difflib import get_close_matches
 from math import inf
@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.dataframe import row_frame
+from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.relations import last_of, row_before, runs_of, stream_keys
 from fte_sniff.analysis.time_text import DAY_NS, clock_time, time_ns
 from fte_sniff.errors import FilterError, TranslatableText, listed, printable
@@ -71,7 +71,7 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
         "in upper case",
     ),
     "previous": Function(
-        lambda one: pl.col(PREVIOUS[one.meta.output_name()].name),
+        lambda one: pl.col(PREVIOUS[one.meta.output_name()].name).cast(pl.Int64),
         "abs(rpm - previous(rpm)) > 500",
         "value in the motor's frame before",
     ),
@@ -129,6 +129,9 @@ _TOKEN: Final = re.compile(
     | (?P<end> $ ) | (?P<other> . ) )""",
     re.IGNORECASE | re.VERBOSE,
 )
+_WHOLE: Final = (ColumnType.TIME, ColumnType.INT)
+"""Columns that are computed with 64 bits."""
+_TEXTS: Final = pl.List(pl.String)
 _TIME_FIX: Final = "write '2026-01-31T12:00:00Z', or '12:00:05Z' for that time of any day"
 _MOST_TOKENS: Final = 600
 _MOST_NESTED: Final = 26
@@ -141,7 +144,7 @@ class RowFilter:
 
     text: str
     expression: pl.Expr = field(compare=False, repr=False)
-    """True, false or null for every row of a `row_frame`."""
+    """True, false or null for every row of a `table_frame`."""
 
     @classmethod
     def parse(cls, text: str, zone: tzinfo | None = None) -> RowFilter:
@@ -170,7 +173,7 @@ _REFUSED: Final = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
 
 
 def _passes(expression: pl.Expr, rows: Rows) -> Bools:
-    frame = row_frame(rows, expression.meta.root_names() or ("offset",))
+    frame = table_frame(rows, expression.meta.root_names() or ("offset",))
     # A constant would be one row.
     found = frame.select((pl.repeat(True, pl.len()) & expression).fill_null(False))
     return found.to_series().to_numpy()
@@ -187,21 +190,17 @@ class StreamFilter:
         self._before = NO_ROWS
         """The last frame of every stream."""
 
-    def matches(self, rows: Rows, changes: Iterable[Change] = ()) -> Bools:
-        """Whether each of the next rows passes; the gaps are between them."""
+    def select(self, rows: Rows, changes: Iterable[Change] = ()) -> Rows:
+        """Those of the next rows that pass, in order; the gaps are between them."""
         if not self.filter.needs_facts:
-            return self.filter.matches(rows)
+            return rows.select(self.filter.matches(rows))
         count, joined = len(self._before), Rows.concat([self._before, rows])
         keys = stream_keys(joined)
         gaps = [Change(count + one.index, one.what) for one in changes]
         before = row_before(keys, runs_of(joined, gaps))
         previous = np.where(before < 0, NO_FACT, joined.payloads[before])
         self._before = joined.select(np.sort(last_of(keys)))
-        return self.filter.matches(joined.replace(previous=previous))[count:]
-
-    def select(self, rows: Rows, changes: Iterable[Change] = ()) -> Rows:
-        """The rows that pass, in order."""
-        return rows.select(self.matches(rows, changes))
+        return rows.select(self.filter.matches(joined.replace(previous=previous))[count:])
 
 
 ALERT_INTERVAL_S: Final = 1.0
@@ -235,13 +234,8 @@ class Alert:
         return is_due
 
 
-_FRAMES: Final = [encode(kind, {one.name: one.high for one in kind.fields}) for kind in KINDS]
-_TEST_ROWS: Final = Rows.blank(
-    len(KINDS),
-    t_ns=[0] * len(KINDS),
-    raw=[list(frame.ljust(MOST_BYTES, b"\0")) for frame in _FRAMES],
-)
-"""A row of every kind."""
+_TEST_ROW: Final = Rows.blank(1, raw=[[*encode(KINDS[0], {}).ljust(MOST_BYTES, b"\0")]])
+"""A frame: its texts and words have values, which polars tries to convert."""
 
 
 class _Token(NamedTuple):
@@ -259,8 +253,7 @@ class _Token(NamedTuple):
         return _SAME.get(found, found)
 
 
-@dataclass(frozen=True, slots=True)
-class _Term:
+class _Term(NamedTuple):
     """A part of a filter."""
 
     expr: pl.Expr
@@ -357,7 +350,7 @@ class _Parser:
     def _comparison(self, left: _Term) -> _Term:
         found = self._compared(left)
         try:
-            _passes(found, _TEST_ROWS)
+            _passes(found, _TEST_ROW)
         except _REFUSED as error:
             why = printable(str(error).split("\n", 1)[0][:120])
             what = f"this cannot be compared ({why})"
@@ -366,17 +359,15 @@ class _Parser:
         return _Term(found, left.start, is_condition=True)
 
     def _compared(self, left: _Term) -> pl.Expr:
-        if self._accept("IS"):
-            negated = bool(self._accept("NOT"))
-            if self._accept("DISTINCT"):
-                self._expect("FROM")
-                negated = not negated
-            is_null = bool(self._accept("NULL"))
-            found = left.is_null if is_null else self._compare(left, "IS", self._value())
-            return ~found if negated else found
-        negated = bool(self._accept("NOT"))
-        symbol = self._accept(*_COMPARISONS)
-        if symbol == "IN":
+        symbol, negated = self._accept("IS"), bool(self._accept("NOT"))
+        if symbol and self._accept("DISTINCT"):
+            self._expect("FROM")
+            negated = not negated
+        symbol = symbol or self._accept(*_COMPARISONS)
+        if symbol == "IS":
+            is_null = self._accept("NULL")
+            found = left.is_null if is_null else self._compare(left, symbol, self._value())
+        elif symbol == "IN":
             found = pl.any_horizontal([self._compare(left, "=", one) for one in self._arguments()])
         elif symbol == "BETWEEN":
             low = self._value()
@@ -441,7 +432,7 @@ class _Parser:
         if found is None:
             raise self._mistake(pattern.start, f"{symbol} needs a pattern in quotes")
         if of in (ColumnType.WORD, ColumnType.WORDS):
-            own = _text(own) if of is ColumnType.WORD else own.list.join(",")
+            own = _text(own) if of is ColumnType.WORD else own.cast(_TEXTS).list.join(",")
         is_hex = of is ColumnType.HEX
         if symbol in ("LIKE", "ILIKE"):
             anything = "(?:..)*" if is_hex else ".*"
@@ -473,7 +464,7 @@ class _Parser:
         elif self._accept("-"):
             found = _Term(-self._operand().expr, start)
         elif self._accept("("):
-            found = replace(self._joined(), start=start)
+            found = self._joined()._replace(start=start)
             self._expect(")")
         else:
             found = self._primary()
@@ -499,7 +490,7 @@ class _Parser:
                 return _Term(pl.lit(token.text), start, text=token.text)
             case "name" if column := COLUMN_BY_NAME.get(name):
                 own, is_condition = pl.col(name), column.type is ColumnType.BOOL
-                own = own.cast(pl.Int64) if column.type is ColumnType.TIME else own
+                own = own.cast(pl.Int64) if column.type in _WHOLE else own
                 return _Term(own, start, column, is_condition=is_condition)
             case "name" if column := COLUMN_OF_WORD.get(name):
                 own, is_list = pl.col(column.name), column.type is ColumnType.WORDS

@@ -330,7 +330,6 @@ def test_an_alert_counts_every_row_and_signals_once_per_second() -> None:
 def test_stream_knows_the_frame_before_and_not_what_comes_later() -> None:
     rows = [_frame(at, "speed", motor=1, rpm=rpm) for at, rpm in enumerate((0, 600, 700, 0))]
     stream = RowFilter.parse("abs(rpm - previous(rpm)) > 500 OR unanswered").stream()
-    found = [stream.matches(rows_from(rows[at : at + 1])).tolist() for at in range(4)]
-    assert found == [[False], [True], [False], [True]]
+    assert [len(stream.select(rows_from([row]))) for row in rows] == [0, 1, 0, 1]
     gap = Change(0, Gap(GapKind.PORT))
-    assert stream.matches(rows_from(rows[1:2]), [gap]).tolist() == [False]
+    assert not len(stream.select(rows_from(rows[1:2]), [gap]))
