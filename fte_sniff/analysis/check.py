@@ -16,7 +16,6 @@ import operator
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -55,8 +54,7 @@ FIELDS: Final = [
 _PERCENTILES: Final = {"p50": 50, "p95": 95, "p99": 99, "max": 100}
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
+class Rule(NamedTuple):
     """One comparison of a measure with a number; made by `parse_rule`."""
 
     name: str
@@ -68,7 +66,7 @@ class Rule:
     argument: str
     """A percentile, a field, a motor or a cause; empty if there is none."""
     filter_text: str
-    """The filter that selects rows, or commands; empty for all."""
+    """The filter that selects rows, or commands; `TRUE` for all."""
     operator: str
     """A key of `OPERATORS`."""
     number: float
@@ -121,10 +119,8 @@ def _part(table: Table, rule: Rule) -> Counts:
 
 def selected(table: Table, filter_text: str) -> Bools:
     """The rows of a table, with those around its own, that a filter selects."""
-    found = np.ones(len(table.rows), np.bool_)
-    if filter_text:
-        wanted = RowFilter.parse(filter_text)
-        found = wanted.matches(table.with_facts if wanted.needs_facts else table.rows)
+    wanted = RowFilter.parse(filter_text)
+    found = wanted.matches(table.with_facts if wanted.needs_facts else table.rows)
     return found if table.selected is None else found & table.selected
 
 
@@ -146,7 +142,7 @@ def analysis_of(rules: Sequence[Rule]) -> Analysis:
 Counted: TypeAlias = tuple[Counts, Ints]
 
 
-def _numbers(values: Mapping[str, float | None], kind: Any = pl.Int64) -> Counts:
+def _numbers(values: Mapping[str, Any], kind: Any = pl.Int64) -> Counts:
     """The numbers of a table, which add up by the first words of their names."""
     return {"rows": pl.DataFrame([values], dict.fromkeys(values, kind))}
 
@@ -162,18 +158,17 @@ def _nothing(table: Table, matches: Bools, rule: Rule) -> Counted:
 
 def _values(table: Table, matches: Bools, rule: Rule) -> Counted:
     """The matching rows that have a field."""
-    of_rows, rows = COLUMN_BY_NAME[rule.argument].of_rows, table.with_facts
     at = table.counted[matches[table.counted]]
-    values, known, _ = of_rows(rows) if of_rows else (matches, None, None)
-    at = at if known is None else at[known[at]]
-    own = values[at].astype(np.float64)
+    values = table_frame(table.with_facts, [rule.argument]).to_series()
+    own = values.gather(at).cast(pl.Float64)
     numbers = {
-        "sum count": len(own),
-        "sum value": float(own.sum()),
-        "least value": float(own.min()) if len(own) else None,
-        "greatest value": float(own.max()) if len(own) else None,
+        "sum count": own.count(),
+        "sum value": own.sum(),
+        "least value": own.min(),
+        "greatest value": own.max(),
     }
-    return _numbers(numbers, pl.Float64), at[rule.violated_by(own)]
+    is_wrong = own.is_not_null().to_numpy() & rule.violated_by(own.to_numpy())
+    return _numbers(numbers, pl.Float64), at[is_wrong]
 
 
 def _gaps(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -209,9 +204,9 @@ def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
 
 
 def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
-    own = _commands(table, matches).drop_nulls("delay_ns").with_columns(of=pl.lit(""))
+    own = _commands(table, matches).drop_nulls("delay_ns")
     late = own["command"].to_numpy()[rule.violated_by(own["delay_ns"].to_numpy() / 1e6)]
-    return binned("delays", own, ["of"], "delay_ns", "end_ns"), late
+    return binned("delays", own, [], "delay_ns", "end_ns"), late
 
 
 def _online_bits(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -410,14 +405,12 @@ _RULE: Final = re.compile(
 def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -> Rule:
     """Parse a rule, by default named like its text; raises InputTextError with the fix."""
     match = _RULE.fullmatch(expect)
-    if match is None:
+    if match is None or match[1] not in MEASURES:
         raise InputTextError(
-            f"{quoted(expect)} is not a rule; write a measure, a comparison and a number without a"
-            " unit, as in count(malformed) == 0"
+            f"{quoted(expect)} is not a rule; write a measure ({listed(MEASURES)}), a comparison"
+            " and a number without a unit, as in count(malformed) == 0"
         )
     measure, inner, symbol, number = match.groups()
-    if measure not in MEASURES:
-        raise InputTextError(f"{quoted(measure)} is not a measure; use one of {listed(MEASURES)}")
     kind = MEASURES[measure]
     parts = re.fullmatch(rf"\s*{kind.argument}\s*", inner, re.DOTALL)
     value = float(int(number, 0)) if "x" in number.lower() else float(number)
@@ -425,12 +418,15 @@ def parse_rule(expect: str, name: str = "", *, may_be_uncovered: bool = False) -
         wrong = inner if parts is None else number
         raise InputTextError(f"{quoted(wrong)} does not fit {measure}; write {kind.example}")
     argument, filter_text = (parts.groupdict("").get(one, "") for one in ("argument", "filter"))
-    argument, filter_text = re.sub(r"\s", "", argument), filter_text.strip()
-    if filter_text:
-        RowFilter.parse(filter_text)
+    argument, filter_text = re.sub(r"\s", "", argument), filter_text.strip() or "TRUE"
+    RowFilter.parse(filter_text)
     return Rule(
         name or expect, expect, measure, argument, filter_text, symbol, value, may_be_uncovered
     )
+
+
+_KEYS: Final = {"name": str, "expect": str, "may_be_uncovered": bool}
+"""The types of a rule's keys in a file."""
 
 
 def rules_of_toml(text: str, source: str) -> list[Rule]:
@@ -450,20 +446,15 @@ def rules_of_toml(text: str, source: str) -> list[Rule]:
 
 
 def _of_table(where: str, table: object) -> Rule:
-    match {"may_be_uncovered": False, **table} if isinstance(table, dict) else table:
-        case {
-            "name": str(name),
-            "expect": str(expect),
-            "may_be_uncovered": bool(allowed),
-            **rest,
-        } if not rest:
-            try:
-                return parse_rule(expect, name, may_be_uncovered=allowed)
-            except InputTextError as error:
-                raise InputTextError(f"{where}: {error}") from error
-    raise InputTextError(
-        f"{where}: needs a name and expect, which are texts; may_be_uncovered = true may follow"
-    )
+    given = {"may_be_uncovered": False, **table} if isinstance(table, dict) else {}
+    if {key: type(value) for key, value in given.items()} != _KEYS:
+        raise InputTextError(
+            f"{where}: needs a name and expect, which are texts; may_be_uncovered = true may follow"
+        )
+    try:
+        return parse_rule(**given)
+    except InputTextError as error:
+        raise InputTextError(f"{where}: {error}") from error
 
 
 # Verdicts

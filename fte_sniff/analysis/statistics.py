@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.dataframe import known_only
+from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
@@ -28,9 +28,7 @@ from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     KINDS,
     MOTORS,
-    NAME_OF_ROLE,
     Direction,
-    Role,
     Status,
     motor_bit,
     status_of,
@@ -93,14 +91,10 @@ def _flags(table: Table) -> pl.DataFrame:
     if table.selected is not None:
         at = at[table.selected[at]]
     feedback, online = rows.select(at), pl.col("online")
-    columns = {
-        "motor": pl.Series(feedback.nums),
-        "error": known_only(*feedback.field(NAME_OF_ROLE[Role.ERRORS])),
-        "online": known_only(*feedback.field(NAME_OF_ROLE[Role.ONLINE])),
-    }
-    own = pl.DataFrame({**columns, "t_ns": times(feedback.t_ns)})
+    columns = (MOTOR, "error", "online")
     return (
-        own.with_columns(lost=online.forward_fill().shift() & ~online)
+        table_frame(feedback, columns)
+        .with_columns(lost=online.forward_fill().shift() & ~online, t_ns=times(feedback.t_ns))
         .filter(pl.Series(at >= table.start))
         .group_by(*columns, "lost")
         .agg(
@@ -155,12 +149,9 @@ def _files(counts: Counts) -> Iterator[Json]:
             yield {"name": name, **_extent(chosen(counts["rows"], source=name))}
 
 
-def _size(rows: pl.DataFrame) -> Json:
-    return {"rows": int(rows["sum rows"].sum()), "bytes": int(rows["sum bytes"].sum())}
-
-
 def _extent(rows: pl.DataFrame) -> Json:
-    return {**_size(rows), **_times(rows)}
+    size = {"rows": int(rows["sum rows"].sum()), "bytes": int(rows["sum bytes"].sum())}
+    return {**size, **_times(rows)}
 
 
 def _times(counts: pl.DataFrame) -> Json:
@@ -215,7 +206,7 @@ def _port(counts: Counts, port: str, baud: int) -> Json:
 
 def _faults(rows: pl.DataFrame) -> Iterator[Json]:
     """The faults that occurred; a row counts for each of its own."""
-    total = _size(rows)
+    total = _extent(rows)
     for fault in faults_in(int(np.bitwise_or.reduce(rows["faults"].to_numpy()))):
         extent = _extent(_having(rows, "faults", fault_bits([fault])))
         yield {

@@ -10,11 +10,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from decimal import Decimal
-from typing import Final, TypeVar
+from typing import Final, NamedTuple
 
 from fte_sniff.errors import InputTextError, quoted
 
@@ -41,8 +39,7 @@ _PARTS: Final = re.compile(_PART, re.IGNORECASE)
 _DURATION: Final = re.compile(f"(?:{_PART})+", re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class ClockTime:
+class ClockTime(NamedTuple):
     """A time of day, without a date."""
 
     of_day: time
@@ -61,7 +58,8 @@ class ClockTime:
 
     def on_day_of(self, t_ns: int, zone: tzinfo) -> int:
         """This time on the day of `t_ns`, nanoseconds since 1970 UTC, by default in `zone`."""
-        return self._on(_date_of(t_ns, self.of_day.tzinfo or zone), zone)
+        moment = _EPOCH + timedelta(seconds=t_ns // SECOND_NS)
+        return self._on(moment.astimezone(self.of_day.tzinfo or zone).date(), zone)
 
     def _on(self, day: date, zone: tzinfo) -> int:
         moment = datetime.combine(day, self.of_day, self.of_day.tzinfo or zone)
@@ -74,7 +72,7 @@ def time_ns(text: str, zone: tzinfo = UTC) -> int | None:
     A fraction of a second has up to nine digits; `zone` is the default zone.
     """
     try:
-        second, fraction_ns = _parsed(text, datetime.fromisoformat)
+        second, fraction_ns = _parsed(text)
     except ValueError:
         return None
     return _ns_of(second if second.tzinfo else second.replace(tzinfo=zone)) + fraction_ns
@@ -85,21 +83,19 @@ def clock_time(text: str) -> ClockTime | None:
     clock = text.strip()
     clock = f"0{clock}" if clock[1:2] == ":" else clock
     try:
-        return ClockTime(*_parsed(clock, time.fromisoformat)) if ":" in clock else None
+        moment, fraction_ns = _parsed(f"{_EPOCH.date()}T{clock}")
     except ValueError:
         return None
+    return ClockTime(moment.timetz(), fraction_ns) if ":" in clock else None
 
 
-_Moment = TypeVar("_Moment", datetime, time)
-
-
-def _parsed(text: str, parse: Callable[[str], _Moment]) -> tuple[_Moment, int]:
+def _parsed(text: str) -> tuple[datetime, int]:
     """The second, and the nanoseconds after it; raises ValueError for another text."""
     match = _TIME.fullmatch(text.strip())
     if match is None:
         raise ValueError(text)
     second, fraction, zone = match.groups("")
-    return parse(second + zone), int(fraction.ljust(9, "0"))
+    return datetime.fromisoformat(second + zone), int(fraction.ljust(9, "0"))
 
 
 def duration_ns(text: str) -> int | None:
@@ -168,10 +164,6 @@ def zone_of(text: str) -> tzinfo:
         raise InputTextError(
             f"--zone: {quoted(text)} is not a time zone; write +08:00, UTC, local or Asia/Shanghai"
         ) from None
-
-
-def _date_of(t_ns: int, zone: tzinfo) -> date:
-    return (_EPOCH + timedelta(seconds=t_ns // SECOND_NS)).astimezone(zone).date()
 
 
 def _ns_of(moment: datetime) -> int:

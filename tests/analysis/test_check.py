@@ -81,7 +81,7 @@ def test_example_of_every_measure_is_a_rule(name: str) -> None:
         ("", "as in count(malformed) == 0"),
         ("count(malformed) = 0", "is not a rule"),
         ("delay(p95) < 20 ms", "without a unit"),
-        ("cuont(malformed) == 0", "use one of count, share"),
+        ("cuont(malformed) == 0", "write a measure (count, share"),
         ("count() == 0", "does not fit count; write count(malformed) == 0"),
         ("count(moter = 1) == 0", "did you mean motor?"),
         ("online(5) == 1", "write online(1) >= 0.99"),
