@@ -208,6 +208,7 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
     state[missing & ~is_covered] = AnswerState.UNCOVERED
     state[is_answered] = AnswerState.ANSWERED
     state[own["hidden"]], is_answered[own["hidden"]] = AnswerState.HIDDEN, False
+    has_delay = is_answered & timed & (delays >= 0)
     return pl.DataFrame(
         {
             "command": at,
@@ -216,9 +217,9 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
             "kind": kinds[at],
             "cmd": cmds,
             "state": state.astype(np.uint8),
-            "delay_ns": np.where(is_answered & timed & (delays >= 0), delays, NONE),
+            "delay_ns": pl.Series(delays).set(pl.Series(~has_delay), None),
         }
-    ).with_columns(pl.col("delay_ns").replace(NONE, None))
+    )
 
 
 # The motor of damage
@@ -308,9 +309,9 @@ def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Row
     previous = np.where(before == NONE, NO_FACT, rows.payloads[before] if len(rows) else before)
     unanswered, answer_ns = np.full(len(rows), NO_FACT), np.full(len(rows), NO_FACT)
     missed, undecided = np.zeros(len(rows), np.int64), np.zeros(len(rows), np.bool_)
-    found = found.filter(pl.col("cmd").is_in(ANSWERABLE))
-    motors, commands, states = (found[name].to_numpy() for name in ("motor", "command", "state"))
-    delays = found["delay_ns"].fill_null(2**62).to_numpy()
+    names, asks = ("motor", "command", "state"), np.isin(found["cmd"].to_numpy(), ANSWERABLE)
+    motors, commands, states = (found[name].to_numpy()[asks] for name in names)
+    delays = found["delay_ns"].fill_null(2**62).to_numpy()[asks]
     for motor in MOTORS:
         own = motors == motor
         at, state = commands[own], states[own]

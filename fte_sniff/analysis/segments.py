@@ -162,12 +162,13 @@ def context_of(table: Table) -> Ints:
     stop = table.stop
     rows, recent = table.rows.select(slice(0, stop)), second_before(table.rows, stop)
     number = table.runs["number"][:stop]
-    needed = [np.arange(recent, len(table.rows)), np.searchsorted(number, number[-1:])]
+    needed = np.arange(len(table.rows)) >= recent
+    needed[np.searchsorted(number, number[-1:])] = True
     for some in (None, table.selected):
         at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])
         for keys in (stream_keys(rows), port_keys(rows)):
-            needed.append(at[last_of(keys[at], FRAMES_BEFORE)])
-    return np.unique(np.concatenate(needed)).astype(np.int64)
+            needed[at[last_of(keys[at], FRAMES_BEFORE)]] = True
+    return np.flatnonzero(needed)
 
 
 # Sums
