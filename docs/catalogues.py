@@ -22,7 +22,7 @@ from babel.messages.pofile import read_po, write_po
 
 from fte_sniff import errors
 from fte_sniff.analysis.check import MEASURES
-from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.filter.row_filter import EXAMPLES
 from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint

@@ -22,7 +22,7 @@ from google.protobuf.descriptor_pb2 import (
 from mcap.reader import make_reader
 
 import fte_sniff
-from fte_sniff.analysis.filter.terms import FUNCTIONS
+from fte_sniff.analysis.filter.row_filter import EXAMPLES, FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
 from fte_sniff.errors import ExplainedWord
 from fte_sniff.i18n import _, set_language
@@ -99,10 +99,8 @@ def rows_table() -> str:
 
 def functions_table(function: str = "example", meaning: str = "meaning") -> str:
     """The functions of filters, with these headings."""
-    return table(
-        (function, meaning),
-        ((f"`{one.example}`", _(one.meaning)) for one in FUNCTIONS.values()),
-    )
+    own = [(text, of) for text, of in EXAMPLES if text.partition("(")[0] in FUNCTIONS]
+    return table((function, meaning), ((f"`{text}`", _(of)) for text, of in own))
 
 
 def faults_table() -> str:

@@ -14,7 +14,7 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from fte_sniff.analysis.filter.terms import EXAMPLES
+from fte_sniff.analysis.filter.row_filter import EXAMPLES
 from fte_sniff.analysis.motors import Trouble
 from fte_sniff.errors import listed
 from fte_sniff.formats.looks import LOOKS, ORDER_MARK

@@ -43,39 +43,34 @@ from fte_sniff.protocol.spec import KINDS, NAME_OF_ROLE, encode
 
 COLUMN_OF_WORD: Final = {word: column for column in COLUMNS for word in column.words}
 
-
-class Function(NamedTuple):
-    """A function of the language."""
-
-    of: Callable[..., pl.Expr]
-    """Makes its expression from those of the arguments."""
-    example: str
-    meaning: str
-
-
-FUNCTIONS: Final[Mapping[str, Function]] = {
-    "abs": Function(pl.Expr.abs, "abs(rpm) > 500", "without the sign"),
-    "coalesce": Function(
-        lambda first, second: first.fill_null(second),
-        "coalesce(rpm, 0) < 10",
-        "the second value where the first is null",
-    ),
-    "lower": Function(
-        lambda text: _text(text).str.to_lowercase(),
-        "lower(port) LIKE '%usb%'",
-        "in lower case",
-    ),
-    "upper": Function(
-        lambda text: _text(text).str.to_uppercase(),
-        "upper(port) LIKE '%USB%'",
-        "in upper case",
-    ),
-    "previous": Function(
-        lambda one: pl.col(PREVIOUS[one.meta.output_name()].name).cast(pl.Int64),
-        "abs(rpm - previous(rpm)) > 500",
-        "value in the motor's frame before",
-    ),
+FUNCTIONS: Final[Mapping[str, Callable[..., pl.Expr]]] = {
+    "abs": pl.Expr.abs,
+    "coalesce": lambda first, second: first.fill_null(second),
+    "lower": lambda text: _text(text).str.to_lowercase(),
+    "upper": lambda text: _text(text).str.to_uppercase(),
+    "previous": lambda one: pl.col(PREVIOUS[one.meta.output_name()].name).cast(pl.Int64),
 }
+"""The functions of the language, on the expressions of their arguments."""
+
+EXAMPLES: Final = (
+    ("motor = 1 AND rpm > 500", "AND OR NOT, also && || !"),
+    ("kind IN ('speed', 'position')", "one of these words"),
+    ("malformed OR noise", "a word alone: a kind, status or fault"),
+    ("faults = 'noise'", "among the row's faults; IN: any of them"),
+    ("faults IS NULL", "no fault at all"),
+    ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
+    ("raw LIKE 'AA 01%'", "% any bytes, _ any digit; spaces are free"),
+    ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
+    ("time > '12:00:05'", "a time of day, UTC, on any day"),
+    ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
+    ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
+    ("abs(rpm) > 500", "without the sign"),
+    ("coalesce(rpm, 0) < 10", "the second value where the first is null"),
+    ("lower(port) LIKE '%usb%'", "in lower case"),
+    ("upper(port) LIKE '%USB%'", "in upper case"),
+    ("abs(rpm - previous(rpm)) > 500", "value in the motor's frame before"),
+)
+"""Working filters, each with its meaning."""
 
 
 def _text(value: pl.Expr) -> pl.Expr:
@@ -520,9 +515,9 @@ class _Parser:
         try:
             if name == "previous" and items[0].column is None:
                 raise KeyError(name)
-            return _Term(FUNCTIONS[name].of(*(one.expr for one in items)), start)
+            return _Term(FUNCTIONS[name](*(one.expr for one in items)), start)
         except (TypeError, KeyError):
-            fix = f"write {FUNCTIONS[name].example}"
+            fix = next(f"write {text}" for text, _ in EXAMPLES if f"{name}(" in text)
             raise self._mistake(start, f"{name} takes other values", fix) from None
 
 

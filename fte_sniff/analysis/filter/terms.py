@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import Final
 
-from fte_sniff.analysis.filter.row_filter import FUNCTIONS
+from fte_sniff.analysis.filter.row_filter import EXAMPLES
 from fte_sniff.protocol.columns import COLUMNS, Value, iso_time, record
 from fte_sniff.protocol.rows import Row
 
@@ -33,22 +33,6 @@ def _help() -> Iterator[str]:
 def _wrapped(start: str, text: str) -> list[str]:
     return wrap(text, 79, initial_indent=start, subsequent_indent=" " * len(start))
 
-
-EXAMPLES: Final = (
-    ("motor = 1 AND rpm > 500", "AND OR NOT, also && || !"),
-    ("kind IN ('speed', 'position')", "one of these words"),
-    ("malformed OR noise", "a word alone: a kind, status or fault"),
-    ("faults = 'noise'", "among the row's faults; IN: any of them"),
-    ("faults IS NULL", "no fault at all"),
-    ("error = 0x0F OR online & 0x01 = 0", "hex and single bits"),
-    ("raw LIKE 'AA 01%'", "% any bytes, _ any digit; spaces are free"),
-    ("time >= '2026-01-31T12:00:00Z'", "UTC, or with a zone as +08:00"),
-    ("time > '12:00:05'", "a time of day, UTC, on any day"),
-    ("rpm BETWEEN -10 AND 10", "both ends included; never rows without rpm"),
-    ("kind IS DISTINCT FROM 'speed'", "any other, also rows that have no kind"),
-    *((function.example, function.meaning) for function in FUNCTIONS.values()),
-)
-"""Working filters, each with its meaning."""
 
 FILTER_HELP: Final = "\n".join(_help())
 """The language on one screen, for `--filter help` and the filter prompt."""

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
-from fte_sniff.analysis.filter.terms import EXAMPLES, FILTER_HELP
+from fte_sniff.analysis.filter.row_filter import EXAMPLES, Alert, RowFilter
+from fte_sniff.analysis.filter.terms import FILTER_HELP
 from fte_sniff.protocol.columns import COLUMNS, ColumnType, record
 from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import NO_ROWS, Row
