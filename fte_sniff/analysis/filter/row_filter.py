@@ -517,7 +517,8 @@ class _Parser:
                 raise KeyError(name)
             return _Term(FUNCTIONS[name](*(one.expr for one in items)), start)
         except (TypeError, KeyError):
-            fix = next(f"write {text}" for text, _ in EXAMPLES if f"{name}(" in text)
+            example = next(text for text, _ in EXAMPLES if f"{name}(" in text)
+            fix = f"write {example}"
             raise self._mistake(start, f"{name} takes other values", fix) from None
 
 
