@@ -48,7 +48,6 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 
 _READABLE: Final = (*COLUMNS, *PREVIOUS.values())
 """The columns that a filter reads."""
-_TYPES: Final = {column.name: column_dtype(column) for column in _READABLE}
 
 
 def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
@@ -64,7 +63,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
     values, known, words = column.of_rows(rows)
-    dtype = _TYPES[column.name]
+    dtype = column_dtype(column)
     if words is None:
         return known_only(values, known).cast(dtype)
     if column.type is ColumnType.TEXT:

@@ -39,6 +39,6 @@ def complete_port(_context: click.Context, _port: click.Parameter, start: str) -
 
 def complete_filter(_context: click.Context, _filter: click.Parameter, start: str) -> list[str]:
     """Filters whose last word is complete."""
-    from fte_sniff.analysis.filter.completion import completions
+    from fte_sniff.analysis.filter.terms import completions
 
     return completions(start)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fte_sniff.analysis.filter.terms import both, cell_filters
+from fte_sniff.analysis.filter.terms import both, cell_filters, completions
 from fte_sniff.errors import InputTextError, listed
 from fte_sniff.i18n import _, later
 from fte_sniff.tui.cells import ORDER
@@ -131,8 +131,6 @@ class Filters:
         self._parts.line.ask(question)
 
     def _suggest(self, line: str) -> list[str]:
-        from fte_sniff.analysis.filter.completion import completions
-
         saved = [text for name, text in self.saved.items() if name.startswith(line)]
         return [*saved, *completions(line)]
 

@@ -2,7 +2,6 @@
 
 Modules:
 
-    completion  Completions of a filter at the cursor.
-    terms       Help text of the language, and the filters of a cell.
+    terms       What helps to write a filter: help text, completions, the filters of a cell.
     row_filter  The language: a text becomes a polars expression; rows that pass.
 """

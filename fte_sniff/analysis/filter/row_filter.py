@@ -163,10 +163,6 @@ class RowFilter:
         return StreamFilter(self)
 
 
-_REFUSED: Final = (pl.exceptions.PolarsError, pl.exceptions.PanicException)
-"""What polars raises for an expression that it cannot compute."""
-
-
 def _passes(expression: pl.Expr, rows: Rows) -> Bools:
     frame = table_frame(rows, expression.meta.root_names() or ("offset",))
     # A constant would be one row.
@@ -288,14 +284,12 @@ class _Parser:
 
     def _mistake(self, at: int, what: str, fix: str = "") -> FilterError:
         """A mistake with its position."""
-        before, after = (
-            printable(one) for one in (self._text[max(0, at - 24) : at], self._text[at : at + 24])
-        )
+        excerpt = f"{self._text[max(0, at - 24) : at]}-->{self._text[at : at + 24]}"
         return FilterError(
             'filter: {what} at character {at} of "{excerpt}"' + (f"; {fix}" if fix else ""),
             what=what,
             at=at + 1,
-            excerpt=f"{before}-->{after}",
+            excerpt=printable(excerpt),
         )
 
     @property
@@ -346,7 +340,7 @@ class _Parser:
         found = self._compared(left)
         try:
             _passes(found, _TEST_ROW)
-        except _REFUSED as error:
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
             why = printable(str(error).split("\n", 1)[0][:120])
             what = f"this cannot be compared ({why})"
             fix = "compare fields with values of their type"

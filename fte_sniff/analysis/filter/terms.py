@@ -1,4 +1,4 @@
-"""Help text of the filter language, and the filters of a cell on the screen."""
+"""What helps to write a filter: help text, completions, and the filters of a cell."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import Final
 
-from fte_sniff.analysis.filter.row_filter import EXAMPLES
-from fte_sniff.protocol.columns import COLUMNS, Value, iso_time, record
+from fte_sniff.analysis.filter.row_filter import COLUMN_OF_WORD, EXAMPLES, FUNCTIONS, LEVELS
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, COLUMNS, Value, iso_time, record
 from fte_sniff.protocol.rows import Row
 
 
@@ -38,7 +38,38 @@ FILTER_HELP: Final = "\n".join(_help())
 """The language on one screen, for `--filter help` and the filter prompt."""
 
 
-_LOOSE = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
+# Completions
+
+_LAST_WORD: Final = re.compile(r"(?P<quote>['\"]?)(?P<word>(?<=['\"])[\w:.-]*|\w*)$")
+_COMPARED: Final = re.compile(
+    r"(\w+)\s*(?:[=!<>]+|\b(?:NOT\s+)?IN\s*\((?:[^(),]*,)*)\s*$", re.IGNORECASE
+)
+"""A field that the next word is compared with."""
+_AFTER_OPERATOR: Final = re.compile(
+    rf"(?:^|[-+*/%&|=<>~!(,]|\b(?:{'|'.join(filter(str.isalpha, LEVELS))}))\s*$", re.IGNORECASE
+)
+_OPERANDS: Final = (*COLUMN_BY_NAME, "NOT", *COLUMN_OF_WORD, *(f"{name}(" for name in FUNCTIONS))
+_OPERATORS: Final = (*filter(str.isalpha, LEVELS), "IS NULL", "IS NOT NULL")
+
+
+def completions(text: str) -> list[str]:
+    """The filters that complete the last word of a text, the likeliest first."""
+    match = _LAST_WORD.search(text)
+    if match is None or text.count("'", 0, match.start()) % 2:
+        return []
+    before, word = text[: match.start()], match["word"].lower()
+    compared = _COMPARED.search(before)
+    column = COLUMN_BY_NAME.get(compared[1].lower()) if compared else None
+    found = [quoted(one) for one in column.words] if column else []
+    if not found and not match["quote"]:
+        found += _OPERANDS if _AFTER_OPERATOR.search(before) else _OPERATORS
+    choices = (one for one in found if one.strip("'").lower().startswith(word))
+    return [before + one for one in choices if one.lower() != word]
+
+
+# The filters of a cell
+
+_LOOSE: Final = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
 
 
 def cell_filters(row: Row) -> dict[str, str]:

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.filter.completion import completions
 from fte_sniff.analysis.filter.row_filter import EXAMPLES, RowFilter
-from fte_sniff.analysis.filter.terms import both, cell_filters
+from fte_sniff.analysis.filter.terms import both, cell_filters, completions
 from fte_sniff.protocol.columns import COLUMN_BY_NAME
 from fte_sniff.protocol.rows import Row, fault_bits, faults_in
 from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status, encode
