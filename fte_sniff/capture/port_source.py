@@ -59,8 +59,8 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
 # Other programs at the same port
 
 _STEP_S: Final = 0.05
-_SEARCH_EVERY_S: Final = 1.0
-_SEARCH_SHARE: Final = 0.01
+_SEARCH_EVERY_S: Final = 2.0
+_SEARCH_SHARE: Final = 0.005
 """Share of the time that the search for other programs takes at most."""
 
 
