@@ -11,7 +11,6 @@ motor    commands, answers, flags
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -124,11 +123,8 @@ def statistics(counts: Counts, baud: int = DEFAULT_BAUD) -> Json:
     The keys of the object that depend on the inputs (`version`, `notes`, ...) are not in it.
     """
     rows, files, is_hidden = counts["rows"], list(_files(counts)), len(counts["hidden"]) > 0
-    times = [(one["first_time"], one["last_time"]) for one in files if one["rows"]]
-    in_order = all(
-        None not in (before, after) and before <= after
-        for (_, before), (after, _) in pairwise(times)
-    )
+    ends = [one[name] for one in files if one["rows"] for name in ("first_time", "last_time")]
+    in_order = len(ends) <= 2 or (None not in ends and ends == sorted(ends))
     first_ns, last_ns = counts["extent"].select("least t", "greatest t").row(0)
     return {
         **_extent(rows),

@@ -27,8 +27,8 @@ import numpy as np
 from fte_sniff.analysis.relations import RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import RowTest, Table
-from fte_sniff.protocol.items import Change, Gap
-from fte_sniff.protocol.rows import ARRAYS, FACTS, NO_TIME, Array, Ints, Item, Rows
+from fte_sniff.protocol.items import Change
+from fte_sniff.protocol.rows import ARRAYS, FACTS, Array, Ints, Item, Rows
 
 BLOCK_ROWS: Final = 1 << 20
 MEMORY_ROWS: Final = 10_000_000
@@ -72,7 +72,7 @@ class RowStore:
         start, self.next = self.next, self.next + len(rows)
         self.ports = tuple(dict.fromkeys((*self.ports, *rows.ports)))
         since = takewhile(lambda one: one.index == start, reversed(self.marks))
-        gaps = [Change(0, one.what) for one in since if isinstance(one.what, Gap)]
+        gaps = [Change(0, one.what) for one in since]
         runs = runs_of(rows, gaps[::-1], self._runs[-1:])
         at = np.flatnonzero(runs != np.append(self._runs[-1:], runs[:-1])[: len(runs)])
         self._starts = np.append(self._starts, start + at)
@@ -131,18 +131,11 @@ class RowStore:
         return self._runs[np.searchsorted(self._starts, np.arange(start, end), "right") - 1]
 
     def index_at(self, t_ns: int) -> int:
-        """The index of the first row that is not before a time, or after the last row.
-
-        Times rise; a row that is earlier than the one before it counts as of the time of that one.
-        """
-        latest = NO_TIME
+        """The index of the first row that is not before a time, or after the last row."""
         for block, own, part in self._parts(0, self.next):
-            t = block["t_ns"][own]
-            last = max(latest, int(t.max()))
-            if last >= t_ns:
-                rising = np.maximum(np.maximum.accumulate(t), latest)
-                return int(part.start + np.searchsorted(rising, t_ns))
-            latest = last
+            is_after = block["t_ns"][own] >= t_ns
+            if is_after.any():
+                return int(part.start + is_after.argmax())
         return self.next
 
 
