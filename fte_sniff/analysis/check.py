@@ -3,7 +3,7 @@
     rule      measure ( == | != | < | <= | > | >= ) number
     measure   name ( [argument] [, filter] )
 
-`counted` counts the tables of a stream for some rules; such parts add up, and `verdicts` judges the
+`counted` counts the tables of a stream for some rules; such parts add up, and `verdict` judges the
 sum. A measure is two functions: what it counts in the rows of a table that the rule's
 filter selects, with the rows that violate the rule, and its value; a new one is an entry of
 `MEASURES`.
@@ -79,11 +79,6 @@ class Rule(NamedTuple):
         return found
 
     @property
-    def is_limit(self) -> bool:
-        """Whether values that are too large violate it."""
-        return self.operator in ("==", "<=", "<")
-
-    @property
     def unit(self) -> str:
         """Unit of the measured value and the number; empty without one."""
         column = COLUMN_BY_NAME.get(self.argument)
@@ -149,7 +144,7 @@ def _numbers(values: Mapping[str, Any], kind: Any = pl.Int64) -> Counts:
 
 def _matching(table: Table, matches: Bools, rule: Rule) -> Counted:
     at = table.counted[matches[table.counted]]
-    return _numbers({"sum matches": len(at)}), at if rule.is_limit else _NONE
+    return _numbers({"sum matches": len(at)}), at[rule.violated_by(np.full(len(at), math.inf))]
 
 
 def _nothing(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -200,7 +195,7 @@ def _states(table: Table, matches: Bools, rule: Rule) -> Counted:
     own = _commands(table, matches)
     counts = own.group_by("motor", "state").agg(pl.len().cast(pl.Int64).alias("sum commands"))
     missed = own.filter(pl.col("state") == AnswerState.UNANSWERED)["command"].to_numpy()
-    return {"answers": counts}, missed if rule.is_limit else _NONE
+    return {"answers": counts}, missed[rule.violated_by(np.full(len(missed), math.inf))]
 
 
 def _delays(table: Table, matches: Bools, rule: Rule) -> Counted:
@@ -493,12 +488,8 @@ class Verdict(NamedTuple):
         return uncovered or self.result is RuleResult.FAIL
 
 
-def verdicts(total: Counts, rules: Sequence[Rule], baseline: Counts | None = None) -> list[Verdict]:
-    """By rule, in their order; `baseline` are the counts of `compare` to compare with."""
-    return [_verdict(rule, total, baseline) for rule in rules]
-
-
-def _verdict(rule: Rule, total: Counts, baseline: Counts | None) -> Verdict:
+def verdict(rule: Rule, total: Counts, baseline: Counts | None = None) -> Verdict:
+    """The verdict of a rule on the sum of parts; `changed` compares with counts of `compare`."""
     measure, start = MEASURES[rule.measure], f"{rule.expect} "
     counts = {name.removeprefix(start): total[name] for name in total if name.startswith(start)}
     extent, hidden = total["extent"].row(0, named=True), total["hidden"]["hidden_by"].to_list()

@@ -25,9 +25,8 @@ _OF_TYPE: Final = {
     ColumnType.TIME: pl.Datetime("ns", "UTC"),
     ColumnType.REAL: pl.Float64(),
     ColumnType.BOOL: pl.Boolean(),
-    ColumnType.TEXT: pl.String(),
-    ColumnType.HEX: pl.String(),
 }
+"""Other columns have words, whole numbers or texts."""
 
 
 def column_dtype(column: Column) -> pl.DataType:
@@ -37,7 +36,7 @@ def column_dtype(column: Column) -> pl.DataType:
         return found
     words = pl.Enum([str(word) for word in column.words])
     of_words = {ColumnType.WORD: words, ColumnType.WORDS: pl.List(words)}
-    return of_words.get(column.type) or _OF_TYPE[column.type]
+    return of_words.get(column.type) or _OF_TYPE.get(column.type, pl.String())
 
 
 TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {

@@ -52,19 +52,14 @@ def diagnose(data: bytes) -> LineDiagnosis:
     is_ambiguous = rows.faults & FAULT_BITS[Fault.AMBIGUOUS] != 0
     frames = rows.select(rows.framed & ~rows.is_malformed & ~is_ambiguous)
     share = int(frames.length.sum()) / max(1, len(data))
-    if share >= SOUND_SHARE:
-        condition = LineCondition.SOUND
-    elif share >= DAMAGED_SHARE and len(frames) > 1:
-        condition = LineCondition.DAMAGED
-    else:
-        condition = _without_frames(data)
+    conditions = {
+        LineCondition.SOUND: share >= SOUND_SHARE,
+        LineCondition.DAMAGED: share >= DAMAGED_SHARE and len(frames) > 1,
+        LineCondition.SILENT: not data,
+        LineCondition.LOW: data.count(0) >= _LOW_SHARE * len(data),
+        LineCondition.TOO_LITTLE: len(data) < FEW_BYTES,
+    }
+    found = (one for one, holds in conditions.items() if holds)
     directions = frozenset(frame.direction for frame in frames if frame.direction)
+    condition = next(found, LineCondition.UNREADABLE)
     return LineDiagnosis(condition, len(data), share, directions)
-
-
-def _without_frames(data: bytes) -> LineCondition:
-    if not data:
-        return LineCondition.SILENT
-    if data.count(0) >= _LOW_SHARE * len(data):
-        return LineCondition.LOW
-    return LineCondition.TOO_LITTLE if len(data) < FEW_BYTES else LineCondition.UNREADABLE

@@ -80,7 +80,7 @@ def command(
     """
     wanted = read_rules(rules, expectations)
     from fte_sniff.analysis import compare
-    from fte_sniff.analysis.check import analysis_of, verdicts
+    from fte_sniff.analysis.check import analysis_of, verdict
 
     before = None
     if baseline is not None:
@@ -88,7 +88,7 @@ def command(
         if of_baseline.unreadable:
             finish(of_baseline)
     total, reading = measure(query, analysis_of(wanted))
-    found = verdicts(total, wanted, before)
+    found = [verdict(rule, total, before) for rule in wanted]
     if form == "json":
         print_json(_object(found, total["extent"].row(0, named=True), reading))
     else:

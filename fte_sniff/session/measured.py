@@ -93,11 +93,12 @@ def check(
     Warns:
         RecordingWarning: what `fte-sniff check` reports about a file, such as damage.
     """
-    from fte_sniff.analysis.check import analysis_of, parse_rule, verdicts
+    from fte_sniff.analysis.check import analysis_of, parse_rule, verdict
 
     wanted = [parse_rule(text) for text in ([rules] if isinstance(rules, str) else rules)]
     before = None if baseline is None else _counts_to_compare(baseline)
-    return verdicts(_measured(paths, analysis_of(wanted))[0], wanted, before)
+    total = _measured(paths, analysis_of(wanted))[0]
+    return [verdict(rule, total, before) for rule in wanted]
 
 
 def stats(paths: Paths) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis import check
 from fte_sniff.analysis.check import (
     MEASURES,
     RuleResult,
@@ -17,7 +18,6 @@ from fte_sniff.analysis.check import (
     needed,
     parse_rule,
     rules_of_toml,
-    verdicts,
 )
 from fte_sniff.analysis.segments import Segments, summed
 from fte_sniff.errors import InputTextError
@@ -53,7 +53,8 @@ def judged(steps: list[Row | Item], rules: list[str], most: int = 2**62) -> list
     cutter.begin("file")
     tables = [one for step in steps for item in items_of([step]) for one in cutter.push(item)]
     parts = [counted(one, wanted) for one in (*tables, cutter.rest())]
-    return verdicts(summed([pickle.loads(pickle.dumps(one)) for one in parts]), wanted)
+    total = summed([pickle.loads(pickle.dumps(one)) for one in parts])
+    return [check.verdict(rule, total) for rule in wanted]
 
 
 def verdict(steps: list[Row | Item], rule: str) -> Verdict:

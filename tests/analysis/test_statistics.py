@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fte_sniff.analysis.check import RuleResult, parse_rule, verdicts
+from fte_sniff.analysis.check import RuleResult, parse_rule, verdict
 from fte_sniff.analysis.check import counted as counted_rules
 from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
@@ -189,7 +189,7 @@ def test_feedback_without_online_is_not_offline() -> None:
     assert motor["feedback"] == 3
     assert (motor["offline"]["frames"], motor["offline"]["times_lost"]) == (1, 1)
     table = table_of([*rows])
-    (found,) = verdicts(counted_rules(table, [ONLINE]), [ONLINE])
+    found = verdict(ONLINE, counted_rules(table, [ONLINE]))
     assert (found.result, found.value) == (RuleResult.PASS, 1.0)
 
 
