@@ -59,7 +59,6 @@ def diagnose(data: bytes) -> LineDiagnosis:
         LineCondition.LOW: data.count(0) >= _LOW_SHARE * len(data),
         LineCondition.TOO_LITTLE: len(data) < FEW_BYTES,
     }
-    found = (one for one, holds in conditions.items() if holds)
     directions = frozenset(frame.direction for frame in frames if frame.direction)
-    condition = next(found, LineCondition.UNREADABLE)
+    condition = next((one for one, holds in conditions.items() if holds), LineCondition.UNREADABLE)
     return LineDiagnosis(condition, len(data), share, directions)

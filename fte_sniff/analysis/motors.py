@@ -81,9 +81,7 @@ def motors_at(rows: Rows, runs: Runs, now_ns: int | None = None) -> list[MotorSt
     now_ns = max(int(rows.t_ns.max(initial=NO_TIME)), now_ns or NO_TIME)
     found = with_late(answers(rows, runs)).filter(pl.col("cmd").is_in(ANSWERABLE))
     is_recent = rows.t_ns > now_ns - HEALTH_NS
-    found = found.with_columns(
-        recent=pl.Series(is_recent[found["command"].to_numpy()], dtype=pl.Boolean)
-    )
+    found = found.with_columns(recent=pl.Series(is_recent).gather(found["command"]))
     off = off_target(rows.select(is_recent), runs["number"][is_recent])
     return [_state(rows, found, motor, is_recent, motor in off) for motor in MOTORS]
 

@@ -73,8 +73,7 @@ def counted(table: Table) -> Counts:
         "flags": _flags(table),
         "events": _events(table),
         "bauds": pl.DataFrame(
-            {"port": [*bauds], "last baud": [*bauds.values()]},
-            {"port": pl.String, "last baud": pl.Int64},
+            [*bauds.items()], {"port": pl.String, "last baud": pl.Int64}, orient="row"
         ),
         "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}),
         **extent_of(table),

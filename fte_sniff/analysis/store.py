@@ -109,20 +109,16 @@ class RowStore:
     def batch(self, start: int, end: int) -> Rows:
         """The rows with indices from `start` up to `end` that exist; a view within a block."""
         start, end = max(0, start), min(end, self.next)
-        parts = [
-            Rows({name: block[name][own] for name in ARRAYS}, self.ports)
-            for block, own, _ in self._parts(start, end)
-        ]
+        parts = [Rows(block, self.ports).select(own) for block, own, _ in self._parts(start, end)]
         return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
 
     def rows_at(self, indices: Ints) -> Rows:
         """The rows with these indices, which rise."""
-        numbers = indices // self._block_rows
-        parts = []
-        for number in np.unique(numbers).tolist():
-            at = indices[numbers == number] - number * self._block_rows
-            block = self._blocks[number]
-            parts.append(Rows({name: block[name][at] for name in ARRAYS}, self.ports))
+        numbers, at = np.divmod(indices, self._block_rows)
+        parts = [
+            Rows(self._blocks[one], self.ports).select(at[numbers == one])
+            for one in np.unique(numbers).tolist()
+        ]
         return Rows.concat(parts) if parts else Rows.blank(0, self.ports)
 
     def runs(self, start: int, end: int) -> Runs:

@@ -141,6 +141,7 @@ class _Local(tzinfo):
 
 
 LOCAL: Final = _Local()
+_NAMED: Final = {"local": LOCAL, "utc": UTC, "z": UTC}
 
 
 def zone_of(text: str) -> tzinfo:
@@ -151,10 +152,8 @@ def zone_of(text: str) -> tzinfo:
     from zoneinfo import ZoneInfo
 
     name = text.strip()
-    if name.lower() == "local":
-        return LOCAL
-    if name.upper() in ("UTC", "Z"):
-        return UTC
+    if named := _NAMED.get(name.lower()):
+        return named
     try:
         if name[:1] in ("+", "-") and "." not in name:
             padded = re.sub(r"^(.)(\d)(?!\d)", r"\g<1>0\2", name)
