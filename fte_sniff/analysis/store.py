@@ -7,7 +7,7 @@ A screen appends what comes, and paints a slice:
 
     store = RowStore()
     store.append(rows); store.append(gap); store.end()     # `Rows`, `Gap`, `PortEvent`, ...
-    shown = Matches(store, row_filter.matches, needs_facts=row_filter.needs_facts)
+    shown = Matches(store, row_filter)
     while shown.extend(): ...                              # 128k rows at a time
     store.rows_at(shown.indices[top : top + height])       # the rows to paint
     store.batch(start, end); store.runs(start, end)        # a span, as for `motors_at`
@@ -24,9 +24,10 @@ from typing import Final
 
 import numpy as np
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.relations import RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
-from fte_sniff.analysis.table import RowTest, Table
+from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import Change
 from fte_sniff.protocol.rows import ARRAYS, FACTS, Array, Ints, Item, Rows
 
@@ -145,16 +146,11 @@ def _space(kind: str, size: int, *, in_file: bool) -> Array:
 
 
 class Matches:
-    """The indices of the rows that pass a test: an array that grows with the store."""
+    """The indices of the rows that pass a filter: an array that grows with the store."""
 
-    def __init__(
-        self, store: RowStore, test: RowTest | None = None, *, needs_facts: bool = False
-    ) -> None:
-        """No row is tested yet; without a test, all rows pass.
-
-        `needs_facts` is whether the test reads facts, so that rows wait until these are known.
-        """
-        self._store, self._test, self._needs_facts = store, test, needs_facts
+    def __init__(self, store: RowStore, row_filter: RowFilter) -> None:
+        """No row is tested yet; where the filter reads facts, rows wait until these are known."""
+        self._store, self._filter = store, row_filter
         self._space: Ints = np.empty(1 << 12, np.int64)
         self.count = 0
         self.tested = 0
@@ -167,12 +163,11 @@ class Matches:
 
     def extend(self, most: int = STEP_ROWS) -> bool:
         """Test at most this number of rows; returns whether more can be tested."""
-        end = self._store.known if self._needs_facts else self._store.next
+        end = self._store.known if self._filter.needs_facts else self._store.next
         stop = min(end, self.tested + most)
         if stop > self.tested:
-            found = np.arange(self.tested, stop)
-            if self._test is not None:
-                found = found[self._test(self._store.batch(self.tested, stop))]
+            passing = self._filter.matches(self._store.batch(self.tested, stop))
+            found = np.flatnonzero(passing) + self.tested
             while self.count + len(found) > len(self._space):
                 self._space = np.concatenate((self._space, np.empty_like(self._space)))
             self._space[self.count : self.count + len(found)] = found

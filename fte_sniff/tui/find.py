@@ -134,7 +134,7 @@ class Searching:
         self.end()
         if line:
             self._typed = line
-            self.matches = self._view.shown.matches_of(parse_search(line))
+            self.matches = Matches(self._view.store, parse_search(line))
             # While the end is followed, all rows are above.
             self._due = self._table.last_index, -1 if self._table.viewport.following else 1
             self.step()

@@ -52,11 +52,7 @@ class Shown:
 
     def set_filter(self, row_filter: RowFilter | None) -> None:
         """Show the rows that pass a filter, or all; `follow` applies it."""
-        self.matches = None if row_filter is None else self.matches_of(row_filter)
-
-    def matches_of(self, row_filter: RowFilter) -> Matches:
-        """The rows of the store that pass a filter, to be extended."""
-        return Matches(self.store, row_filter.matches, needs_facts=row_filter.needs_facts)
+        self.matches = None if row_filter is None else Matches(self.store, row_filter)
 
     def follow(self) -> bool:
         """Apply the filter to more rows; False if none is left."""

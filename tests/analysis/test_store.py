@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.store import Matches, RowStore
 from fte_sniff.protocol.rows import FACTS, Item, Row
 from tests.analysis.captures import MS, captures, frame, items_of, polled, table_of
@@ -54,8 +55,8 @@ def test_runs_of_a_span_are_those_of_the_whole(
 @given(captures(), st.integers(1, 9))
 def test_matches_are_the_rows_that_pass_in_any_steps(steps: list[Row | Item], most: int) -> None:
     store = RowStore(BLOCK)
-    found = Matches(store, lambda rows: rows.motor_hint > 0, needs_facts=True)
-    every = Matches(store)
+    found = Matches(store, RowFilter.parse("motor_hint > 0"))
+    every = Matches(store, RowFilter.parse("TRUE"))
     for item in items_of(steps):
         store.append(item)
         found.extend(most)
@@ -72,10 +73,7 @@ def test_matches_are_the_rows_that_pass_in_any_steps(steps: list[Row | Item], mo
 def test_row_that_needs_no_facts_is_shown_at_once() -> None:
     store = RowStore()
     store.append(rows_from([frame("speed", 0)]))
-    shown, waiting = (
-        Matches(store),
-        Matches(store, lambda rows: rows.unanswered < 1, needs_facts=True),
-    )
+    shown, waiting = (Matches(store, RowFilter.parse(text)) for text in ("speed", "NOT unanswered"))
     shown.extend()
     waiting.extend()
     assert (shown.count, waiting.count) == (1, 0)
