@@ -35,13 +35,6 @@ from fte_sniff.protocol.spec import (
 
 Json = dict[str, Any]
 
-_EXTENT: Final = (
-    pl.len().cast(pl.Int64).alias("sum rows"),
-    pl.col("length").sum().alias("sum bytes"),
-    pl.col("t_ns").min().alias("least t"),
-    pl.col("t_ns").max().alias("greatest t"),
-)
-
 
 def counted(table: Table) -> Counts:
     """The counts of a table."""
@@ -50,7 +43,12 @@ def counted(table: Table) -> Counts:
     by_stream = ("port", "kind", MOTOR)
     streams = frame.filter(pl.col("kind").is_not_null())
     return {
-        "rows": frame.group_by("source", "port", "faults", "direction").agg(_EXTENT),
+        "rows": frame.group_by("source", "port", "faults", "direction").agg(
+            pl.len().cast(pl.Int64).alias("sum rows"),
+            pl.col("length").sum().alias("sum bytes"),
+            pl.col("t_ns").min().alias("least t"),
+            pl.col("t_ns").max().alias("greatest t"),
+        ),
         "ports": frame.group_by("port").agg(
             pl.col("step_ns").count().cast(pl.Int64).alias("sum steps"),
             pl.col("step_ns").sum().alias("sum step_ns"),
@@ -75,7 +73,7 @@ def counted(table: Table) -> Counts:
         "bauds": pl.DataFrame(
             [*bauds.items()], {"port": pl.String, "last baud": pl.Int64}, orient="row"
         ),
-        "sources": pl.DataFrame({"source": table.sources}, {"source": pl.String}),
+        "sources": pl.DataFrame({"source": [*filter(None, table.sources)]}, {"source": pl.String}),
         **extent_of(table),
     }
 
@@ -121,7 +119,8 @@ def statistics(counts: Counts, baud: int = DEFAULT_BAUD) -> Json:
 
     The keys of the object that depend on the inputs (`version`, `notes`, ...) are not in it.
     """
-    rows, files, is_hidden = counts["rows"], list(_files(counts)), len(counts["hidden"]) > 0
+    rows, names, is_hidden = counts["rows"], counts["sources"]["source"], len(counts["hidden"]) > 0
+    files = [{"name": name, **_extent(chosen(rows, source=name))} for name in names]
     ends = [one[name] for one in files if one["rows"] for name in ("first_time", "last_time")]
     in_order = len(ends) <= 2 or (None not in ends and ends == sorted(ends))
     first_ns, last_ns = counts["extent"].select("least t", "greatest t").row(0)
@@ -136,12 +135,6 @@ def statistics(counts: Counts, baud: int = DEFAULT_BAUD) -> Json:
         ],
         "motors": [_motor(counts, motor, known=in_order and not is_hidden) for motor in MOTORS],
     }
-
-
-def _files(counts: Counts) -> Iterator[Json]:
-    for name in counts["sources"]["source"]:
-        if name:
-            yield {"name": name, **_extent(chosen(counts["rows"], source=name))}
 
 
 def _extent(rows: pl.DataFrame) -> Json:

@@ -497,12 +497,11 @@ class _Parser:
 
     def _number(self, token: _Token) -> _Term:
         text = token.text.lower()
-        is_whole = text.isdecimal() or text.startswith(("0x", "0b"))
-        base = {"0x": 16, "0b": 2}.get(text[:2], 10)
-        value = int(text, base) if is_whole else float(text)
-        if value >= (2**63 if is_whole else inf):
+        base = 10 if text.isdecimal() else {"0x": 16, "0b": 2}.get(text[:2])
+        value = int(text, base) if base else float(text)
+        if value >= (2**63 if base else inf):
             raise self._mistake(token.start, "this number is too large")
-        return _Term(pl.lit(value, pl.Int64 if is_whole else pl.Float64), token.start)
+        return _Term(pl.lit(value, pl.Int64 if base else pl.Float64), token.start)
 
     def _call(self, name: str, start: int) -> _Term:
         items = self._arguments()

@@ -69,8 +69,6 @@ def completions(text: str) -> list[str]:
 
 # The filters of a cell
 
-_LOOSE: Final = re.compile(r"\bOR\b|\|\|", re.IGNORECASE)
-
 
 def cell_filters(row: Row) -> dict[str, str]:
     """By the filter that keeps the rows with the value of a cell, the one that keeps all others.
@@ -103,6 +101,6 @@ def both(current: str, added: str) -> str:
     """The conjunction of two filters; the current one may be empty."""
     if not current or current == added:
         return added
-    if _LOOSE.search(current):
+    if re.search(r"\bOR\b|\|\|", current, re.IGNORECASE):
         return f"({current}) AND {added}"
     return current if added in current.split(" AND ") else f"{current} AND {added}"
