@@ -275,7 +275,7 @@ class _Bytes(NamedTuple):
         return read_at(self.descriptor, max(0, min(stop, self.size) - start), start)
 
 
-_JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\Z)")
+_JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\x03..\0{6}|\Z)", re.DOTALL)
 """An end of a file, and behind it neither the end of the file nor what a capture writes there."""
 _BEHIND_END: Final = TranslatableText("they are behind the end of the recording")
 _RECORDS_LOST: Final = TranslatableText("damaged records")

@@ -121,12 +121,13 @@ class AppendFile:
         """
         start, size, new = self.end, self.end + len(self._tail), data + tail
         after = max(start + len(new), size)
-        private = HEAD.pack(_PRIVATE, after - start - HEAD.size)
+        # Zeros replace the rest of a longer tail: a reader would report it as foreign bytes.
+        private = HEAD.pack(_PRIVATE, after - start - HEAD.size) + new[HEAD.size :]
         self._output.check(size)
         try:
             self._write(self._tail, after)
             self._settle(after + len(self._tail), waits=waits)
-            self._write(private + new[HEAD.size :], start)
+            self._write(private.ljust(after - start, b"\0"), start)
             self._settle(after + len(self._tail), waits=waits)
             self._write(new[: HEAD.size], start)
             os.ftruncate(self._output.descriptor, start + len(new))

@@ -16,6 +16,7 @@ from mcap.records import Metadata
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row
 from fte_sniff.recording import writer as writer_module
+from fte_sniff.recording.reader import Recording
 from fte_sniff.recording.writer import RecordingWriter
 from tests.recording.conftest import file_size_limit
 from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
@@ -92,6 +93,7 @@ def test_a_power_cut_between_any_writes_costs_at_most_the_last_flush(
         assert found == rows[: len(found)]
         assert least <= len(found) <= least + SIZE
         if is_whole:
+            assert Recording(copy).losses == []
             for reader in (SeekingReader, NonSeekingReader):
                 assert messages_in(content, reader) == len(found)
 
