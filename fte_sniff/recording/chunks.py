@@ -324,8 +324,11 @@ def _next_chunk(file: _Bytes, start: int, end: int) -> int:
     return end
 
 
-def unpack(body: bytes | memoryview) -> bytes:
-    """The records of a chunk, which must have its checksum; raises DamagedError."""
+def unpack(body: bytes | memoryview, zstd: zstandard.ZstdDecompressor) -> bytes:
+    """The records of a chunk, which must have its checksum; raises DamagedError.
+
+    To make a decompressor takes as long as to read a small chunk, so chunks of a thread share one.
+    """
     damaged = DamagedError(TranslatableText("a chunk that does not unpack"))
     try:
         _, _, size, crc, name_size = _CHUNK_HEAD.unpack_from(body)
@@ -336,7 +339,7 @@ def unpack(body: bytes | memoryview) -> bytes:
         ):
             raise damaged
         if name == b"zstd":
-            records = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+            records = zstd.decompress(packed, max_output_size=size)
         elif name == b"lz4":
             records = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         else:

@@ -22,6 +22,7 @@ from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
+from zstandard import ZstdDecompressor
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import read_at
@@ -83,7 +84,7 @@ def _in_order(descriptor: int, contents: Contents, topics: Collection[str]) -> I
         while waiting and waiting[0][0] < first_ns:
             yield heappop(waiting)
         data = read_at(descriptor, stop - start, start)
-        records = unpack(data[HEAD.size :]) if is_chunk else data
+        records = unpack(data[HEAD.size :], ZstdDecompressor()) if is_chunk else data
         for opcode, at, end in records_in(records):
             body = records[at + HEAD.size : end]
             contents.define(opcode, body)

@@ -27,6 +27,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel
 from mcap.well_known import MessageEncoding
+from zstandard import ZstdDecompressor
 
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import is_locked, read_at
@@ -422,28 +423,31 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
     """Read and unpack chunks, in a thread; several small ones together, if nothing is lost."""
-    parts = [_read(descriptor, one) for one in group]
+    zstd = ZstdDecompressor()
+    parts = [_read(descriptor, one, zstd) for one in group]
     whole = [part[0] for part in parts if not isinstance(part, LostBytes)]
     if 1 < len(whole) == len(parts) and (found := _scanned(b"".join(whole))) is not None:
         return [found]
     return [_messages_in(*pair) for pair in zip(group, parts, strict=True)]
 
 
-def _read(descriptor: int, one: ChunkRef | LostBytes) -> tuple[bytes, memoryview] | LostBytes:
-    """The records of a chunk, and its indexes."""
+_Part: TypeAlias = tuple[bytes, memoryview] | LostBytes
+"""The records of a chunk, and its indexes; or why they are lost."""
+
+
+def _read(descriptor: int, one: ChunkRef | LostBytes, zstd: ZstdDecompressor) -> _Part:
+    """Read and unpack a chunk."""
     if isinstance(one, LostBytes):
         return one
     data = memoryview(read_at(descriptor, one.end - one.start, one.start))
     size = one.stop - one.start
     try:
-        return unpack(data[HEAD.size : size]), data[size:]
+        return unpack(data[HEAD.size : size], zstd), data[size:]
     except DamagedError as error:
         return LostBytes(one.start, one.stop, error.args[0])
 
 
-def _messages_in(
-    one: ChunkRef | LostBytes, part: tuple[bytes, memoryview] | LostBytes
-) -> Messages | LostBytes:
+def _messages_in(one: ChunkRef | LostBytes, part: _Part) -> Messages | LostBytes:
     """The messages of a chunk that was read."""
     if isinstance(part, LostBytes):
         return part

@@ -309,10 +309,7 @@ class Encoder:
         heads["opcode"], heads["length"] = Opcode.MESSAGE, lengths - HEAD.size
         heads["channel"] = channels
         heads["log"] = heads["publish"] = times
-        counts = np.bincount(channels)
-        self._counts.update(
-            {channel: int(counts[channel]) for channel in np.flatnonzero(counts).tolist()}
-        )
+        self._counts += Counter(dict(enumerate(np.bincount(channels).tolist())))
         at_every_byte(data, MESSAGE_HEAD)[starts] = heads.view(f"V{MESSAGE_HEAD}")
         for own, values in messages:
             at_every_byte(data, values.itemsize)[starts[places[own]] + MESSAGE_HEAD] = values

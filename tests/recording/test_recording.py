@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Metadata
 from mcap_protobuf.decoder import DecoderFactory
+from zstandard import ZstdDecompressor
 
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.items import Gap, GapKind
@@ -262,7 +263,7 @@ def test_each_definition_exists_once_in_its_section(way: str) -> None:
     data_end = heads_of(content, Opcode.DATA_END)[0]
     for opcode, start, end in records(content):
         body = content[start + HEAD.size : end]
-        inner = unpack(body) if opcode == Opcode.CHUNK else content[start:end]
+        inner = unpack(body, ZstdDecompressor()) if opcode == Opcode.CHUNK else content[start:end]
         for own, at, _ in records_in(inner):
             if own in (Opcode.SCHEMA, Opcode.CHANNEL):
                 key = own * 2 + (start > data_end), inner[at + HEAD.size : at + HEAD.size + 2]
