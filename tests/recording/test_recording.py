@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Metadata
+from mcap.records import Channel, Header, Metadata
 from mcap_protobuf.decoder import DecoderFactory
 from zstandard import ZstdDecompressor
 
@@ -20,11 +21,11 @@ from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.protocol.spec import Fault
 from fte_sniff.recording import schema
-from fte_sniff.recording.chunks import HEAD, records_in, unpack
+from fte_sniff.recording.chunks import HEAD, MAGIC, records_in, unpack
 from fte_sniff.recording.metadata import LEFT_OUT_NAME, PortFacts, gap_to_metadata
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.writer import MOST_PORTS, BulkWriter, RecordingWriter
+from fte_sniff.recording.reader import Recording, TimeRange
+from fte_sniff.recording.writer import END, MOST_PORTS, BulkWriter, RecordingWriter, bytes_of
 from tests.examples import examples
 from tests.recording.samples import (
     BOTH,
@@ -349,3 +350,29 @@ def test_a_recording_can_be_opened_while_its_end_is_replaced(tmp_path: Path) -> 
             assert Recording(path).path == path
         recording.join()
     assert len(rows_in(path)) == 1000
+
+
+def test_a_row_at_the_end_of_a_span_is_outside_it(tmp_path: Path) -> None:
+    path, rows = tmp_path / "x.mcap", some_rows()
+    with RecordingWriter(path, [FIRST]) as writer:
+        flush_each(writer, rows, 60)
+    assert rows_in(path, TimeRange(START + 3 * STEP, START + 7 * STEP)) == rows[3:7]
+
+
+def test_a_file_that_ends_with_its_last_chunk_is_followed(tmp_path: Path) -> None:
+    path = tmp_path / "x.mcap"
+    with RecordingWriter(path, [FIRST]) as writer:
+        flush_each(writer, some_rows(), 60)
+    recording = Recording(path, is_growing=True)
+    os.truncate(path, recording.contents.chunks[-1].end)
+    assert recording.grow() == []
+
+
+@pytest.mark.parametrize(("count", "is_cut"), [(10, False), (11, True)])
+def test_at_most_ten_foreign_topics_are_listed(count: int, is_cut: bool, tmp_path: Path) -> None:
+    channels = [Channel(one, f"/t{one}", "", {}, 0) for one in range(1, count + 1)]
+    path = tmp_path / "x.mcap"
+    path.write_bytes(MAGIC + bytes_of(Header("", "other"), *channels) + END)
+    with pytest.raises(FileError) as caught:
+        Recording(path)
+    assert ("..." in str(caught.value).partition("it has")[2]) == is_cut
