@@ -9,7 +9,7 @@ VARIABLE = "_FTE_SNIFF_COMPLETE"
 
 
 @click.command(name="completion", short_help="Print the completion script of a shell.")
-@click.argument("shell", type=click.Choice(("bash", "zsh", "fish")))
+@click.argument("shell", metavar="SHELL", type=click.Choice(("bash", "zsh", "fish")))
 @click.pass_context
 def command(context: click.Context, shell: str) -> None:
     """Print the script that completes commands, options, ports, files and filters.
