@@ -5,6 +5,8 @@ A case is a line of segments; each one is written with the faults that its rows 
 
 from __future__ import annotations
 
+import gc
+import tracemalloc
 from collections.abc import Sequence
 from itertools import pairwise
 from random import Random
@@ -583,3 +585,18 @@ def test_frames_with_any_reserve_are_found(reserve: str, payload: str) -> None:
         assert judged.found_share >= (0.9995 if share else 1.0)
         assert judged.invented_ok <= (1 if share else 0)
         assert judged.doubted_share <= 0.03
+
+
+def test_the_memory_of_a_framer_does_not_grow_with_the_number_of_its_chunks() -> None:
+    framer, frame, sizes = Framer("p"), bytes.fromhex(SPEED), list[int]()
+    tracemalloc.start()
+    try:
+        for number in range(1_200):
+            framer.push(Chunk("p", START + number * MS, frame))
+            framer.drain()
+            if number in (200, 1_199):
+                gc.collect()
+                sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert sizes[1] - sizes[0] < 50_000
