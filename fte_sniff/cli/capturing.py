@@ -50,6 +50,7 @@ from fte_sniff.formats.writers import (
     TEXT_FORMATS,
     OutputFormat,
 )
+from fte_sniff.i18n import _, later
 from fte_sniff.platform import ENDING_SIGNALS, HANG_UP
 from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, Role
@@ -261,8 +262,8 @@ def run_capture(
     signals = tuple(one for one in ENDING_SIGNALS if one not in kept)
     drive, observers = None, list[Observer]()
     if given.headless:
-        names = printable(" and ".join(plan.wiring.names))
-        observers.append(CaptureReport(plan, zone, f"capturing {names}, recording to"))
+        form = later("capturing {names}, recording to {path}")
+        observers.append(CaptureReport(plan, zone, form))
     elif (
         given.plain
         or given.form
@@ -279,7 +280,7 @@ def run_capture(
             zone=zone or UTC,
         )
         observers += [
-            CaptureReport(plan, zone, "recording to"),
+            CaptureReport(plan, zone, later("recording to {path}")),
             PlainLines(plan, wanted, given.alert, write),
         ]
     else:
@@ -317,15 +318,16 @@ def run_capture(
 
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
-_SELF_EXPLAINED = frozenset({PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN})
-"""Events whose detail names what happened."""
+_SELF_EXPLAINED = (PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN)
+_WORDS = dict.fromkeys(_SELF_EXPLAINED, "") | {PortEventKind.WIRING: " note"}
+"""What is printed of a kind of event, if not the kind: some details name what happened."""
 
 
 class CaptureReport(Observer):
     """Prints where the capture goes, its port events and problems, and the summary at the end."""
 
     def __init__(self, plan: CapturePlan, zone: tzinfo | None, intro: str | None = None) -> None:
-        """`intro` is before the name of each file; None prints only the end."""
+        """`intro` names each file, and the ports; None prints only the end."""
         self._plan, self._zone, self._intro = plan, zone or UTC, intro
         self._tally = Tally()
         self._printed = set[str]()
@@ -349,7 +351,7 @@ class CaptureReport(Observer):
         self._is_wrong |= bool(rows.faults.any() or rows.field(NAME_OF_ROLE[Role.ERRORS])[0].any())
         for event in update.events if self._intro is not None else ():
             if event.kind not in _EXPECTED_EVENTS:
-                kind = "" if event.kind in _SELF_EXPLAINED else f" {event.kind.replace('_', ' ')}"
+                kind = _WORDS.get(event.kind, f" {event.kind.replace('_', ' ')}")
                 print_err(f"{event.port}{kind}{event.detail and f': {event.detail}'}")
         self._print_news(session.capture)
 
@@ -359,11 +361,11 @@ class CaptureReport(Observer):
             return
         lines = [str(state.error)] if state.error is not None and not state.is_ended else []
         if state.recording is not None and not self._plan.is_temporary:
-            lines.append(f"{self._intro} {state.recording}")
-        for line in lines:
-            if line not in self._printed:
-                self._printed.add(line)
-                print_err(line)
+            names = " and ".join(self._plan.wiring.names)
+            lines.append(_(self._intro, names=names, path=state.recording))
+        for line in [one for one in lines if one not in self._printed]:
+            self._printed.add(line)
+            print_err(line)
 
     def ended(self, session: LiveSession) -> None:
         """Print the summary, and the files that were recorded."""

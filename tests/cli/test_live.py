@@ -350,7 +350,7 @@ def test_mixed_wiring_is_pointed_out_once(run, tmp_path: Path) -> None:
     ports = ["sim://?wire=both&rate=1000", "sim://?wire=feedback&rate=1000"]
     done = run("live", *ports, "--no-record", "--duration", "1.5")
     assert done.returncode == 0
-    about = [line for line in done.stderr.splitlines() if " wiring: " in line]
+    about = [line for line in done.stderr.splitlines() if " note: " in line]
     assert 1 <= len(about) <= 2
     assert any("swapped or mixed wiring" in line for line in about)
 
@@ -564,7 +564,7 @@ def test_attached_capture_records_both_directions_of_another_program(
         echoed_wire() as (far, device, host),
         started(environment, tmp_path, "live", "--attach", device, "-o", "x.mcap") as capture,
     ):
-        stderr_until(capture, "wiring: times are those of system calls")
+        stderr_until(capture, "note: times are those of system calls")
         for _ in range(5):
             os.write(far, FRAME)
         wait_until(lambda: (tmp_path / "x.mcap").exists() and rows_in(tmp_path / "x.mcap") == 10)
@@ -595,7 +595,7 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
         words = ["live", "--attach", device, "-o", "x.mcap"]
         words += ["--pid", str(host.pid)] if killed == "target" else []
         with started(environment, tmp_path, *words) as capture:
-            stderr_until(capture, "wiring: times are those of system calls")
+            stderr_until(capture, "note: times are those of system calls")
             echoed(far, 2)
             if killed == "strace":
                 status = Path(f"/proc/{host.pid}/status").read_text()
