@@ -24,15 +24,7 @@ import numpy as np
 import polars as pl
 
 from fte_sniff.analysis import events
-from fte_sniff.analysis.durations import (
-    COARSE,
-    FINE,
-    JITTER,
-    Durations,
-    binned,
-    bins_of,
-    chosen,
-)
+from fte_sniff.analysis.durations import COARSE, FINE, JITTER, Durations, binned, bins_of, chosen
 from fte_sniff.analysis.events import Events, Windows
 from fte_sniff.analysis.findings import Cause, find, hidden_text, of_most_motors
 from fte_sniff.analysis.segments import Analysis, Counts

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from fte_sniff.analysis.dataframe import table_frame
+from fte_sniff.analysis.dataframe import known_only
 from fte_sniff.analysis.durations import Durations, binned, chosen
 from fte_sniff.analysis.relations import FEEDBACK, AnswerState
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
@@ -27,7 +27,9 @@ from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
     KINDS,
     MOTORS,
+    NAME_OF_ROLE,
     Direction,
+    Role,
     Status,
     motor_bit,
     status_of,
@@ -78,6 +80,9 @@ def counted(table: Table) -> Counts:
     }
 
 
+_FLAGS: Final = {"error": NAME_OF_ROLE[Role.ERRORS], "online": NAME_OF_ROLE[Role.ONLINE]}
+
+
 def _flags(table: Table) -> pl.DataFrame:
     """Feedback by motor, ERROR, ONLINE, and the bits of ONLINE that only the one before it had.
 
@@ -87,12 +92,12 @@ def _flags(table: Table) -> pl.DataFrame:
     if table.selected is not None:
         at = at[table.selected[at]]
     feedback, online = rows.select(at), pl.col("online")
-    columns = (MOTOR, "error", "online")
+    flags = {name: known_only(*feedback.field(own)) for name, own in _FLAGS.items()}
     return (
-        table_frame(feedback, columns)
-        .with_columns(lost=online.forward_fill().shift() & ~online, t_ns=times(feedback.t_ns))
+        pl.DataFrame({"motor": feedback.nums, **flags, "t_ns": times(feedback.t_ns)})
+        .with_columns(lost=online.forward_fill().shift() & ~online)
         .filter(pl.Series(at >= table.start))
-        .group_by(*columns, "lost")
+        .group_by("motor", *flags, "lost")
         .agg(
             pl.len().cast(pl.Int64).alias("sum frames"),
             pl.col("t_ns").min().alias("least t"),
