@@ -22,6 +22,7 @@ from fte_sniff.analysis.relations import FEEDBACK, AnswerState
 from fte_sniff.analysis.segments import Analysis, Counts, extent_of
 from fte_sniff.analysis.table import MOTOR, QUANTITIES, Table, times
 from fte_sniff.protocol.columns import iso_time
+from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.rows import fault_bits, faults_in
 from fte_sniff.protocol.spec import (
     DEFAULT_BAUD,
@@ -36,6 +37,9 @@ from fte_sniff.protocol.spec import (
 )
 
 Json = dict[str, Any]
+
+_SUMMED: Final = (PortEventKind.LINE_ERROR, PortEventKind.OVERRUN, PortEventKind.NOT_PASSED_ON)
+"""Port events whose counts add up: errors, or bytes."""
 
 
 def counted(table: Table) -> Counts:
@@ -223,7 +227,7 @@ def _event(one: Mapping[str, Any]) -> Json:
     return {
         "event": one["event"],
         "count": one["sum count"],
-        "total": one["sum total"] or None,
+        "total": one["sum total"] if one["event"] in _SUMMED else None,
         "first_time": _time(one["least t"]),
         "last_time": _time(one["greatest t"]),
     }

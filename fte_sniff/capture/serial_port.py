@@ -231,9 +231,11 @@ _SYS_TTY: Final = Path("/sys/class/tty")
 
 def request_low_latency(port: serial.Serial) -> None:
     """Request that the driver delivers bytes as they arrive, where there is such a setting."""
-    # In this order: a port of a URL, another system, a lost device, a driver without it.
-    with suppress(AttributeError, NotImplementedError, OSError, ValueError):
-        port.set_low_latency_mode(True)
+    request = getattr(port, "set_low_latency_mode", None)
+    if request is not None:  # the ports of URLs, and of Windows, do not have it
+        # In this order: another system, a lost device, a driver without it.
+        with suppress(NotImplementedError, OSError, ValueError):
+            request(True)
 
 
 # Parts of the largest latency:

@@ -100,7 +100,7 @@ _HEADER: Final = np.float32(256 / len(HEADERS))
 """Score of a header alone."""
 _LENGTHS: Final = np.arange(LONGEST + 1)
 _ANY_FRAMED: Final = _UNUSUAL * 256 / len(HEADERS) * 256
-"""Score of ten bytes with a header and a tail that are no legal frame."""
+"""Score of ten bytes that have a header and a tail, but are not a legal frame."""
 
 
 def _damage() -> Array:

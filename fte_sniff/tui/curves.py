@@ -43,7 +43,7 @@ BESIDE: Final = 2
 """Columns beside a value that decide, by their median, whether it is an outlier."""
 
 NEAR: Final = 0.25
-"""How far outside the usual values a value is no outlier, as a share of their range."""
+"""Values at most this far outside the usual ones are not outliers; a share of their range."""
 
 ABOVE: Final = "▲"
 BELOW: Final = "▼"

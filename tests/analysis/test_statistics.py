@@ -15,7 +15,7 @@ from fte_sniff.analysis.check import counted as counted_rules
 from fte_sniff.analysis.segments import summed
 from fte_sniff.analysis.statistics import counted, statistics
 from fte_sniff.protocol.columns import iso_time
-from fte_sniff.protocol.items import Gap, GapKind
+from fte_sniff.protocol.items import Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import _LAYOUTS, Item, Row
 from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status
 from tests.analysis.captures import MS, START, captures, frame, polled, table_of
@@ -30,6 +30,19 @@ def stats_of(steps: list[Row | Item]) -> dict[str, Any]:
 def by_port(found: dict[str, Any]) -> dict[str, Any]:
     """The statistics with the ports in the order of their names."""
     return {**found, "ports": sorted(found["ports"], key=lambda one: one["port"])}
+
+
+def test_only_errors_and_bytes_of_events_add_up() -> None:
+    counts = {
+        PortEventKind.OVERRUN: 12,
+        PortEventKind.SILENT: 2000,
+        PortEventKind.BAUD_CHANGED: 9600,
+    }
+    row = polled(1)[0]
+    events = [PortEvent(START, row.port, kind, "", count) for kind, count in counts.items()]
+    (port,) = stats_of([row, *events])["ports"]
+    totals = {one["event"]: one["total"] for one in port["events"]}
+    assert totals == {"overrun": 12, "silent": None, "baud_changed": None}
 
 
 @given(captures(), st.integers(1, 12))

@@ -169,7 +169,7 @@ def test_choices_that_cannot_be_stored_are_one_line(
     assert str(in_the_way) in line
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a pty has no baud")
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only a pty of Linux has a baud")
 @pytest.mark.parametrize(("option", "baud"), [([], 9600), (["--baud", "57600"], 57_600)])
 def test_a_port_has_the_baud_of_the_settings_unless_an_option_overrides_it(
     run, environment, settings_file: Path, option: list[str], baud: int
