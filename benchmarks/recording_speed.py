@@ -1,11 +1,14 @@
 """Speed of reading and writing recordings in batches, compared with other readers and writers.
 
-    python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--memory 20000000]
+    python -m benchmarks.recording_speed [--frames 5000000] [--rounds 3] [--flush 115]
+        [--memory 20000000]
 
 All work is done in turn in each round, and each number is the median of the rounds. The `mcap`
 package gets the first rows only; all costs are by row. While other programs use the cores, the time
-of all cores is the better measure. `--memory` writes recordings of a twentieth of that number of
-rows and of all, and prints how much memory it takes to read all columns, and to decode to CSV.
+of all cores is the better measure. One recording is flushed every `--flush` rows, as a capture with
+a view does: 115 rows are 50 ms of two wires, and its ten minutes are 1,380,000 rows. `--memory`
+writes recordings of a twentieth of that number of rows and of all, and prints how much memory it
+takes to read all columns, and to decode to CSV.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from time import perf_counter, process_time
 import numpy as np
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from zstandard import ZstdDecompressor
 
 from fte_sniff.analysis.dataframe import table_frame
 from fte_sniff.analysis.segments import summed
@@ -34,12 +38,15 @@ from fte_sniff.protocol.spec import FRAME_LENGTH, KINDS, Fault, encode
 from fte_sniff.recording.chunks import HEAD, unpack
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.reader import Recording
+from fte_sniff.recording.writer import RecordingWriter
 from tests.analysis.captures import segments
 from tests.support.recorded_rows import write_recording
 
 BATCH = 1 << 18
 POOL = 1 << 16
 """Different frames; a recording holds each many times, at other times and offsets."""
+TEN_MINUTES = 1_380_000
+"""Rows that are flushed as a capture does."""
 SLOW_PART = 200_000
 """Rows that the mcap package reads and writes."""
 PORTS = [PortFacts("/dev/ttyUSB0", 115_200), PortFacts("/dev/ttyUSB1", 115_200)]
@@ -137,13 +144,22 @@ def chunk_bodies(path: Path) -> list[bytes]:
 def unpack_all(bodies: list[bytes], threads: int) -> None:
     """Only unpacking, with the checksums, from memory."""
     with ThreadPoolExecutor(threads) as pool:
-        for body in pool.map(unpack, bodies):
+        for body in pool.map(lambda body: unpack(body, ZstdDecompressor()), bodies):
             del body
 
 
 def write_columns(rows: list[Rows], path: Path) -> None:
     path.unlink(missing_ok=True)
     write_recording(path, PORTS, rows)
+
+
+def write_flushed(rows: list[Rows], path: Path, count: int) -> None:
+    """Write as a capture with a view does, with a chunk for some rows each."""
+    with RecordingWriter(path, PORTS) as writer:
+        for one in rows:
+            for start in range(0, len(one), count):
+                writer.write(one[start : start + count])
+                writer.flush(waits=False)
 
 
 def write_messages(messages: list[tuple[int, int, int, bytes]], path: Path) -> None:
@@ -170,10 +186,12 @@ def first_messages(path: Path, count: int) -> list[tuple[int, int, int, bytes]]:
         ]
 
 
-def compare(frames: int, rounds: int, folder: Path) -> None:
-    names = ("bench.mcap", "hurt.mcap", "out.mcap", "few.mcap", "few-hurt.mcap")
-    path, hurt, out, few, few_hurt = (folder / name for name in names)
+def compare(frames: int, rounds: int, flush: int, folder: Path) -> None:
+    names = ("bench.mcap", "hurt.mcap", "out.mcap", "few.mcap", "few-hurt.mcap", "live.mcap")
+    path, hurt, out, few, few_hurt, live = (folder / name for name in names)
     rows, part = list(batches(frames)), min(frames, SLOW_PART)
+    flushed = min(frames, TEN_MINUTES)
+    write_flushed(list(batches(flushed)), live, flush)
     write_columns(rows, path)
     write_columns([damaged(one, 0.2) for one in batches(frames)], hurt)
     write_columns(list(batches(part)), few)
@@ -182,6 +200,7 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
     cores = len(os.sched_getaffinity(0))
     work: dict[str, Callable[[], Cost]] = {
         "read columns": lambda: cost(lambda: read_columns(path), frames),
+        "read live file": lambda: cost(lambda: read_columns(live), flushed),
         "iter_messages": lambda: cost(lambda: read_messages(few), part),
         "read damaged": lambda: cost(lambda: read_columns(hurt), frames),
         "iter damaged": lambda: cost(lambda: read_messages(few_hurt), part),
@@ -202,6 +221,7 @@ def compare(frames: int, rounds: int, folder: Path) -> None:
         ("read columns", "iter_messages", "50"),
         ("read damaged", "iter damaged", "35"),
         ("write columns", "mcap.writer.Writer", "8"),
+        ("read live file", "read columns", "0.5"),
         ("read columns", "unpack, all cores", "0.5"),
         ("read frames", "iter_messages", ""),
         ("numbers of stats", "iter_messages", ""),
@@ -255,11 +275,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=5_000_000)
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--flush", type=int, default=115)
     parser.add_argument("--memory", type=int, default=0)
     chosen = parser.parse_args()
     with TemporaryDirectory() as folder:
         if chosen.frames:
-            compare(chosen.frames, chosen.rounds, Path(folder))
+            compare(chosen.frames, chosen.rounds, chosen.flush, Path(folder))
         if chosen.memory:
             memory(chosen.memory, Path(folder))
 

@@ -26,7 +26,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, ChunkIndex, Header, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import Channel, Header, Metadata, MetadataIndex, Schema, Statistics
 from zlib_ng.zlib_ng import crc32
 
 from fte_sniff.errors import TranslatableText
@@ -39,8 +39,9 @@ LARGEST: Final = 64 * 1024 * 1024
 """Bytes of the largest unpacked chunk that is read."""
 
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
-_LISTED_AT: Final = 32
-"""Where a chunk index lists the message indexes of the chunk."""
+_INDEX: Final = struct.Struct("<QQQQ")
+"""The times, the offset and the length of a chunk, with which its index begins."""
+_SIZE: Final = struct.Struct("<Q")
 _FOOTER: Final = struct.Struct("<BQQQI")
 _MARK: Final = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 _MARK_OFFSET: Final = HEAD.size + _CHUNK_HEAD.size - 4
@@ -60,8 +61,7 @@ class ChunkRef(NamedTuple):
 
     start: int
     stop: int
-    """The end of its record; its message indexes follow up to `end`."""
-    end: int
+    """The end of its record."""
     first_ns: int
     """The first and the last log time of its messages, nanoseconds since 1970 UTC."""
     last_ns: int
@@ -97,14 +97,12 @@ class Contents:
     """Whether a summary with the right checksum listed the chunks."""
 
     def define(self, opcode: int, body: bytes) -> bool:
-        """Apply a record; False if it is damaged. A summary lists chunks and metadata, too."""
-        kind = _RECORDS.get(opcode) or (_INDEXES.get(opcode) if self.is_indexed else None)
+        """Apply a record; False if it is damaged. A summary lists metadata, too."""
+        is_listed = self.is_indexed and opcode == Opcode.METADATA_INDEX
+        kind = MetadataIndex if is_listed else _RECORDS.get(opcode)
         if kind is None:
             return True
         try:
-            if kind is ChunkIndex:  # a long list of message indexes, which nobody reads
-                (size,) = struct.unpack_from("<I", body, _LISTED_AT)
-                body = body[:_LISTED_AT] + bytes(4) + body[_LISTED_AT + 4 + size :]
             stream = BytesIO(body)
             record = kind.read(ReadDataStream(stream))
         except (McapError, struct.error, ValueError, OverflowError, MemoryError):
@@ -123,10 +121,6 @@ class Contents:
                 self.metadata.append(record)
             case Statistics():
                 self.statistics = record
-            case ChunkIndex(chunk_start_offset=start, chunk_length=length):
-                stop, times = start + length, (record.message_start_time, record.message_end_time)
-                end = stop + record.message_index_length
-                self.chunks.append(ChunkRef(start, stop, end, *times, record.uncompressed_size))
             case MetadataIndex(offset=offset):
                 self.listed.append(offset)
         return True
@@ -138,10 +132,6 @@ _RECORDS: Final[dict[int, Any]] = {
     Opcode.CHANNEL: Channel,
     Opcode.METADATA: Metadata,
     Opcode.STATISTICS: Statistics,
-}
-_INDEXES: Final[dict[int, Any]] = {
-    Opcode.CHUNK_INDEX: ChunkIndex,
-    Opcode.METADATA_INDEX: MetadataIndex,
 }
 
 
@@ -165,10 +155,16 @@ def _indexed(stream: BinaryIO) -> Contents | None:
         return None
     found = Contents(is_indexed=True)
     try:
-        records = [(opcode, summary[at + HEAD.size : to]) for opcode, at, to in records_in(summary)]
-    except DamagedError:
+        for opcode, at, to in records_in(summary):
+            if opcode == Opcode.CHUNK_INDEX:  # one for each flush, so it is read in one step
+                first_ns, last_ns, offset, length = _INDEX.unpack_from(summary, at + HEAD.size)
+                (size,) = _SIZE.unpack_from(summary, to - _SIZE.size)
+                found.chunks.append(ChunkRef(offset, offset + length, first_ns, last_ns, size))
+            elif not found.define(opcode, summary[at + HEAD.size : to]):
+                return None
+    except (DamagedError, struct.error):
         return None
-    return found if all(found.define(*one) for one in records) and _fits(file, found) else None
+    return found if _fits(file, found) else None
 
 
 def _fits(file: _Bytes, found: Contents) -> bool:
@@ -178,8 +174,12 @@ def _fits(file: _Bytes, found: Contents) -> bool:
         if head is None or not found.define(head[0], file.read(at, head[1])[HEAD.size :]):
             return False
     # Bytes that were removed and inserted between may have shifted chunks.
-    if any(_head_at(file, one.start) != (Opcode.CHUNK, one.stop) for one in found.chunks):
-        return False
+    for one in found.chunks:
+        inner = one.start + HEAD.size
+        if not inner <= one.stop <= file.size:
+            return False
+        if HEAD.unpack(file.read(one.start, inner)) != (Opcode.CHUNK, one.stop - inner):
+            return False
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
         return False
@@ -212,10 +212,7 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
         if opcode == Opcode.CHUNK:
             inner = file.read(at + HEAD.size, at + _CHUNK_START)
             first_ns, last_ns, size, *_ = _CHUNK_HEAD.unpack_from(inner)
-            found.chunks.append(ChunkRef(at, stop, stop, first_ns, last_ns, size))
-        elif opcode == Opcode.MESSAGE_INDEX:
-            if found.chunks and found.chunks[-1].end == at:
-                found.chunks[-1] = found.chunks[-1]._replace(end=stop)
+            found.chunks.append(ChunkRef(at, stop, first_ns, last_ns, size))
         elif opcode == Opcode.MESSAGE:
             found.messages.append((at, stop))
         if opcode in _CHECKED:
@@ -272,7 +269,8 @@ class _Bytes(NamedTuple):
 
     def read(self, start: int, stop: int) -> bytes:
         """The bytes from `start` to `stop`, as far as the file has them."""
-        return read_at(self.descriptor, max(0, min(stop, self.size) - start), start)
+        length = min(stop, self.size) - start
+        return read_at(self.descriptor, length, start) if length > 0 else b""
 
 
 _JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\x03..\0{6}|\Z)", re.DOTALL)

@@ -69,12 +69,16 @@ from fte_sniff.recording.skeletons import (
     at_every_byte,
 )
 
-BATCH: Final = 1024 * 1024
+BATCH: Final = 1280 * 1024
 """Unpacked bytes of a batch, about; a larger chunk is one of its own: it is not copied."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
 _MOST_TOPICS: Final = 10
 _MOST_LOSSES: Final = 10
+_MOST_SCANNED: Final = 4 * 1024 * 1024
+"""Bytes of chunks that are scanned for messages, which takes a multiple of them in memory."""
+_PASSES: Final = 3
+"""Attempts to find the heads of messages among the places that look like one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +241,7 @@ class Recording:
         with self._open() as file:
             before, self._found = self._found, os.fstat(file.fileno())
             is_same, size = os.path.samestat(before, self._found), self._found.st_size
-            if not is_same or size < sum(one.end for one in last):
+            if not is_same or size < sum(one.stop for one in last):
                 raise FileError(
                     "{path} was replaced by another file, or cut off, while it was followed",
                     path=self.path,
@@ -422,81 +426,59 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
 
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
-    """Read and unpack chunks, in a thread; several small ones together, if nothing is lost."""
+    """Read and unpack chunks, in a thread; those of a batch together, if nothing is lost."""
     zstd = ZstdDecompressor()
     parts = [_read(descriptor, one, zstd) for one in group]
-    whole = [part[0] for part in parts if not isinstance(part, LostBytes)]
-    if 1 < len(whole) == len(parts) and (found := _scanned(b"".join(whole))) is not None:
+    whole = [part for part in parts if not isinstance(part, LostBytes)]
+    if len(whole) == len(parts) and (found := _tiled(b"".join(whole))) is not None:
         return [found]
     return [_messages_in(*pair) for pair in zip(group, parts, strict=True)]
 
 
-_Part: TypeAlias = tuple[bytes, memoryview] | LostBytes
-"""The records of a chunk, and its indexes; or why they are lost."""
-
-
-def _read(descriptor: int, one: ChunkRef | LostBytes, zstd: ZstdDecompressor) -> _Part:
-    """Read and unpack a chunk."""
+def _read(descriptor: int, one: ChunkRef | LostBytes, zstd: ZstdDecompressor) -> bytes | LostBytes:
+    """Read and unpack the records of a chunk."""
     if isinstance(one, LostBytes):
         return one
-    data = memoryview(read_at(descriptor, one.end - one.start, one.start))
-    size = one.stop - one.start
+    start = one.start + HEAD.size
     try:
-        return unpack(data[HEAD.size : size], zstd), data[size:]
+        return unpack(read_at(descriptor, one.stop - start, start), zstd)
     except DamagedError as error:
         return LostBytes(one.start, one.stop, error.args[0])
 
 
-def _messages_in(one: ChunkRef | LostBytes, part: _Part) -> Messages | LostBytes:
+def _messages_in(one: ChunkRef | LostBytes, part: bytes | LostBytes) -> Messages | LostBytes:
     """The messages of a chunk that was read."""
     if isinstance(part, LostBytes):
         return part
     try:
-        return _indexed(part[1], part[0]) or _walked(part[0])
+        return _tiled(part) or _walked(part)
     except DamagedError as error:
         return LostBytes(one.start, one.stop, error.args[0])
 
 
-def _scanned(records: bytes) -> Messages | None:
-    """The messages where a head seems to be; None if they do not tile the records.
-
-    Definitions may precede them.
-    """
-    values, smallest = np.frombuffer(records, np.uint8), MESSAGE_HEAD - HEAD.size
-    starts = np.flatnonzero(values[: max(0, len(records) - smallest)] == Opcode.MESSAGE)
+def _tiled(records: bytes) -> Messages | None:
+    """The messages, if they tile the records behind the definitions; None if they do not."""
+    if len(records) > _MOST_SCANNED:
+        return None
+    smallest = MESSAGE_HEAD - HEAD.size
+    values = np.frombuffer(records, np.uint8)[: max(0, len(records) - smallest)]
+    starts = np.flatnonzero(values == int(Opcode.MESSAGE))  # an enum costs numpy another type
     sizes = at_every_byte(records, 8)[starts + 1].view("<i8")
-    seem = (sizes >= smallest) & (sizes < LONGEST)
-    starts, stops = starts[seem], (starts + HEAD.size + sizes)[seem]
+    seem = np.flatnonzero((sizes >= smallest) & (sizes < LONGEST))
+    starts = starts[seem]
+    stops = starts + sizes[seem] + HEAD.size
     with suppress(DamagedError, StopIteration):
         first = next(at for code, at, _ in records_in(records) if code == Opcode.MESSAGE)
-        # Heads are where the record before ends; the other places are in the bytes of messages.
-        is_stop = np.zeros(len(records) + HEAD.size + LONGEST, np.bool_)
-        is_stop[stops] = is_stop[first] = True
-        starts, stops = starts[is_stop[starts]], stops[is_stop[starts]]
-        if np.array_equal(np.append(starts, len(records)), np.append(first, stops)):
-            return Messages.at(starts, records)
+        before = int(starts.searchsorted(first))
+        starts, stops = starts[before:], stops[before:]
+        for _ in range(_PASSES):
+            if np.array_equal(np.append(starts, len(records)), np.append(first, stops)):
+                return Messages.at(starts, records)
+            # Heads are where the record before ends; the others are in the bytes of messages.
+            is_stop = np.zeros(len(records) + LONGEST + HEAD.size, np.bool_)
+            is_stop[stops] = is_stop[first] = True
+            starts, stops = starts[is_stop[starts]], stops[is_stop[starts]]
     return None
-
-
-_INDEX_HEAD: Final = HEAD.size + 6
-
-
-def _indexed(indexes: memoryview, records: bytes) -> Messages | None:
-    """The messages in a chunk's index records; None if they do not tile its records."""
-    places, at = [np.empty(0, "<u8")], 0
-    while at + _INDEX_HEAD <= len(indexes):
-        length = HEAD.unpack_from(indexes, at)[1]
-        body = indexes[at + _INDEX_HEAD : at + HEAD.size + length]
-        places.append(np.frombuffer(body[: len(body) // 16 * 16], "<u8")[1::2])
-        at += HEAD.size + length
-    starts = np.sort(np.concatenate(places).view("<i8"), kind="stable")  # a merge of sorted runs
-    if not len(starts) or starts[0] < 0 or int(starts[-1]) + MESSAGE_HEAD > len(records):
-        return None
-    found = Messages.at(starts, records)
-    is_message = np.frombuffer(records, np.uint8)[starts] == Opcode.MESSAGE
-    stops = starts + found.lengths + MESSAGE_HEAD
-    tiles = stops[-1] == len(records) and (stops[:-1] == starts[1:]).all()
-    return found if tiles and is_message.all() and found.lengths.min() >= 0 else None
 
 
 def _walked(records: bytes) -> Messages:

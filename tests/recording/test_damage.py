@@ -23,7 +23,7 @@ from zlib_ng.zlib_ng import crc32
 from fte_sniff.cli.repair import repaired
 from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row
-from fte_sniff.recording.chunks import LARGEST, MAGIC
+from fte_sniff.recording.chunks import HEAD, LARGEST, MAGIC
 from fte_sniff.recording.metadata import PortFacts
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.reader import EVERYTHING, Recording, TimeRange
@@ -342,6 +342,24 @@ def test_sizes_in_a_file_are_not_trusted(tmp_path: Path, record: bytes) -> None:
     assert rows == one.rows
     assert reports
     assert peak < 16 << 20
+
+
+@pytest.mark.parametrize(
+    ("opcode", "place"),
+    [(Opcode.CHUNK_INDEX, 16), (Opcode.CHUNK_INDEX, 24), (Opcode.METADATA_INDEX, 0)],
+)
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_places_in_a_summary_are_not_trusted(
+    opcode: Opcode, place: int, claim: int, tmp_path: Path
+) -> None:
+    """The checksum of the summary is right."""
+    one = recorded("one port")
+    altered, footer = bytearray(one.content), heads_of(one.content, Opcode.FOOTER)[0]
+    struct.pack_into("<Q", altered, heads_of(one.content, opcode)[0] + HEAD.size + place, claim)
+    (start,) = struct.unpack_from("<Q", altered, footer + HEAD.size)
+    crc_at = footer + HEAD.size + 16
+    struct.pack_into("<I", altered, crc_at, crc32(altered[start:crc_at]))
+    assert check(one, bytes(altered), tmp_path / "x.mcap", EVERYTHING).rows == one.rows
 
 
 def mcap(path: Path, topics: list[str], encoding: str = "json") -> None:
