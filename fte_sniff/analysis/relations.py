@@ -189,9 +189,9 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
     motors = np.repeat(MOTORS, [len(own) for own in of_motors])
     run_ends = np.searchsorted(runs["number"], runs["number"][at], "right")
     ends = np.concatenate([np.append(own, count)[1:] for own in of_motors])
-    ends, cmds = np.minimum(ends, run_ends), rows.cmds[at]
+    ends, cmds = np.minimum(ends, run_ends), rows.raw[:, CMD_OFFSET][at]
     # The first feedback with the motor and the CMD behind each command, by a sorted key of all.
-    size, keys = count + 1, rows.nums.astype(np.int64) << 8 | rows.cmds
+    size, keys = count + 1, rows.nums.astype(np.int64) << 8 | rows.raw[:, CMD_OFFSET]
     came = np.sort(keys[feedback] * size + feedback)
     wanted = (motors << 8 | cmds) * size + at
     next_ = np.append(came, -1)[np.searchsorted(came, wanted)]

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import takewhile
 from tempfile import TemporaryFile
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -136,11 +136,10 @@ class RowStore:
         return self.next
 
 
-def _space(kind: str, size: int, *, in_file: bool) -> Array:
+def _space(dtype: np.dtype[Any], size: int, *, in_file: bool) -> Array:
     """A column with space for rows, in memory or in a temporary file."""
     if not in_file:
-        return np.empty(size, kind)
-    dtype = np.dtype(kind)
+        return np.empty(size, dtype)
     with TemporaryFile() as file:
         return np.memmap(file, dtype.base, "w+", shape=(size, *dtype.shape))
 

@@ -1,6 +1,6 @@
 """Capture sources: connections whose readers put chunks and events into one queue.
 
-    reader thread:  read -> stamp -> (forward) -> queue -> consumer: for item in source
+    reader thread:  read -> stamp -> (forward) -> queue -> consumer: a batch of items
 
     connected -> read -> stopped: closed
                       -> lost:    away, until it is connected again
@@ -79,8 +79,13 @@ _TICK_S: Final = 0.05
 """Time between empty chunks while a lost port is awaited."""
 _HELD_UP_NS: Final = 250_000_000
 """Time between two reads that shows that the reader did not run: it waits much shorter."""
-_GATHER_S: Final = 0.01
-"""How long the consumer lets items gather: waking for each takes longer than processing it."""
+BATCH_S: Final = 0.04
+"""Seconds in which the items of a batch gather: waking for each takes longer than processing it."""
+_MOST_BATCH: Final = 2**18
+"""Bytes after which a batch is full and the next one follows at once: a consumer with a backlog
+keeps reporting."""
+_CHECK_S: Final = 0.01
+"""Seconds between two checks whether the ports are closed."""
 
 
 class Source:
@@ -133,20 +138,27 @@ class Source:
         self.close()
 
     def __iter__(self) -> Iterator[Received]:
+        for batch in self.batches():
+            yield from batch
+
+    def batches(self) -> Iterator[list[Received]]:
+        """Yield what came, 25 times a second, until all has ended."""
         with self:
             while True:
                 is_over = self.is_over  # first: what is put before the end is still yielded
-                if self._items.empty() and not is_over:
-                    time.sleep(_GATHER_S)
+                due_s = time.monotonic() + BATCH_S
                 self._tick()
-                with suppress(queue.Empty):
-                    item = self._items.get(timeout=0 if is_over else _TICK_S)
-                    if isinstance(item, Chunk):
-                        self._taken_bytes += len(item.data)
-                    yield item
-                    continue
-                if is_over:
-                    return
+                batch, size = list[Received](), 0
+                while size < _MOST_BATCH and not self._items.empty():
+                    item = self._items.get()
+                    batch.append(item)
+                    size += len(item.data) if isinstance(item, Chunk) else 0
+                self._taken_bytes += size
+                yield batch
+                if size < _MOST_BATCH:
+                    if is_over:
+                        return
+                    time.sleep(max(0.0, due_s - time.monotonic()))
 
     @property
     def device(self) -> str | None:
@@ -188,7 +200,7 @@ class Source:
         self.stop()
         self.__enter__()  # a thread that never ran closes its connection
         while self._open:
-            time.sleep(_GATHER_S)
+            time.sleep(_CHECK_S)
 
     def _tick(self) -> None:
         """Put empty chunks for the wires that are away, so that no other wire waits for them."""

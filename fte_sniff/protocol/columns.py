@@ -17,6 +17,7 @@ import numpy as np
 
 from fte_sniff.protocol.rows import NO_FACT, Row, Rows, faults_in
 from fte_sniff.protocol.spec import (
+    CMD_OFFSET,
     KIND_BY_NAME,
     VALUE_FIELDS,
     Direction,
@@ -126,7 +127,7 @@ COLUMNS: tuple[Column, ...] = (
     ),
     Column(
         "cmd", ColumnType.INT, "CMD as on the wire",
-        lambda rows: ColumnData(rows.cmds, rows.framed), integer="UInt8",
+        lambda rows: ColumnData(rows.raw[:, CMD_OFFSET], rows.framed), integer="UInt8",
     ),
     *map(_field_column, VALUE_FIELDS),
     Column(

@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from fte_sniff.protocol.candidates import LEGAL
 from fte_sniff.protocol.gap import DecidedSegments
@@ -197,6 +196,8 @@ class Framer:
 
     def drain(self) -> Rows:
         """The rows that were decided since the last call."""
+        if not self._chunks and not self._walls:
+            return NO_ROWS
         self._data = b"".join([self._data, *self._chunks])
         self._chunks.clear()
         base, at, bound = self._base, *self._state
@@ -258,16 +259,21 @@ def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
     """The starts and lengths of rows of noise; every run of noise is cut each 16 bytes."""
     is_noise = last > first
     first, last = first[is_noise], last[is_noise]
+    if not len(first):
+        return first, last
     counts = -((first - last) // MOST_BYTES)
     start = ranges(first, counts, MOST_BYTES)
     return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)
 
 
+_OF_ROW: Final = np.arange(MOST_BYTES)
+
+
 def _bytes_of(data: Codes, offset: Ints, length: Ints) -> Codes:
     """The bytes of rows, padded with zeros."""
     padded = np.concatenate([data, np.zeros(MOST_BYTES, np.uint8)])
-    found: Codes = sliding_window_view(padded, MOST_BYTES)[offset]
-    found *= np.arange(MOST_BYTES, dtype=np.uint8) < length[:, None]
+    found: Codes = padded.take(offset[:, None] + _OF_ROW)
+    found *= length[:, None] > _OF_ROW
     return found
 
 
@@ -298,6 +304,8 @@ def judged(data: Codes, segments: DecidedSegments) -> tuple[Array, Bools, Bools]
     faults = np.zeros(len(segments.start), np.uint16)
     framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)
     odd = np.flatnonzero((segments.probability < CERTAIN) & (segments.stop > segments.start))
+    if not len(odd):
+        return faults, framed, is_kept
     start, stop = segments.start[odd], segments.stop[odd]
     length = stop - start
     headed, tailed, is_ten = IS_HEADER[data[start]], data[stop - 1] == TAIL, length == FRAME_LENGTH

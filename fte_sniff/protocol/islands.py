@@ -96,9 +96,9 @@ def segments(
     next_end = np.append(ends, _FAR).take(np.searchsorted(ends, strict, "right"))
     strict = strict[(strict >= state.bound) & (strict + FRAME_LENGTH <= next_end)]
     joints = strict[1:][np.diff(strict) == FRAME_LENGTH]
-    bounds = _sorted(state.bound, joints, ends)
+    bounds = np.sort(np.concatenate([[state.bound], joints, ends]))
     contested = np.array(_in_step(bounds, strict, known), np.int64)
-    bounds = _sorted(state.bound, bounds[1:], contested)
+    bounds = np.sort(np.concatenate([bounds, contested]))
     start, stop, bound = bounds[:-1], bounds[1:], int(bounds[-1])
     is_frame = (stop - start == FRAME_LENGTH) & _mask(strict, len(data)).take(start, mode="clip")
     frame, start, stop = start[is_frame], start[~is_frame], stop[~is_frame]
@@ -111,11 +111,6 @@ def segments(
     bounds_of_silence = DecidedSegments(ends, ends, np.zeros(len(ends)))
     found = _in_order(state.at, bounds_of_silence, frames, *divide(data, windows))
     return found, State(max(state.at, bound, at, int(found.stop[-1:].max(initial=0))), bound)
-
-
-def _sorted(first: int, joints: Ints, others: Ints) -> Ints:
-    """All these offsets in order."""
-    return np.append(first, np.sort(np.concatenate([joints, others]), kind="stable"))
 
 
 def _mask(offsets: Ints, size: int) -> Bools:

@@ -70,20 +70,20 @@ IS_HEADER: Final = np.isin(np.arange(256), list(HEADERS.values()))
 NO_DIRECTION: Final = len(Direction)
 """The direction code of a row without a direction."""
 
-ARRAYS: Final[Mapping[str, tuple[str, int]]] = {
-    "t_ns": ("i8", NO_TIME),
-    "offset": ("i8", 0),
-    "delay_ns": ("i8", NO_TIME),
-    "length": ("u1", FRAME_LENGTH),
-    "port": ("u2", 0),
-    "faults": ("u2", 0),
-    "framed": ("?", True),
-    "unordered": ("?", False),
-    "raw": (f"({MOST_BYTES},)u1", 0),
-    "answer_ns": ("i4", NO_FACT),
-    "unanswered": ("i1", NO_FACT),
-    "motor_hint": ("i1", NO_FACT),
-    "previous": ("i8", NO_FACT),
+ARRAYS: Final[Mapping[str, tuple[np.dtype[Any], int]]] = {
+    "t_ns": (np.dtype("i8"), NO_TIME),
+    "offset": (np.dtype("i8"), 0),
+    "delay_ns": (np.dtype("i8"), NO_TIME),
+    "length": (np.dtype("u1"), FRAME_LENGTH),
+    "port": (np.dtype("u2"), 0),
+    "faults": (np.dtype("u2"), 0),
+    "framed": (np.dtype("?"), True),
+    "unordered": (np.dtype("?"), False),
+    "raw": (np.dtype(("u1", (MOST_BYTES,))), 0),
+    "answer_ns": (np.dtype("i4"), NO_FACT),
+    "unanswered": (np.dtype("i1"), NO_FACT),
+    "motor_hint": (np.dtype("i1"), NO_FACT),
+    "previous": (np.dtype("i8"), NO_FACT),
 }
 """The numpy type and the default of each column."""
 
@@ -257,9 +257,6 @@ class Rows(Sequence[Row]):
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def __repr__(self) -> str:
-        return f"<{len(self)} rows>"
-
     @overload
     def __getitem__(self, at: int) -> Row: ...
     @overload
@@ -346,11 +343,6 @@ class Rows(Sequence[Row]):
         codes: Codes = _DIRECTION_OF.take(self.raw[:, 0])
         codes[~self.framed] = NO_DIRECTION
         return codes
-
-    @property
-    def cmds(self) -> Codes:
-        """The byte at the place of CMD in each row."""
-        return self.raw[:, CMD_OFFSET]
 
     @property
     def nums(self) -> Codes:

@@ -50,12 +50,11 @@ SETTLED = 10
 _BREAKS = frozenset({PortEventKind.LOST, PortEventKind.OVERRUN})
 """Events that break the byte stream."""
 
-DRAIN_EVERY_NS = {True: 100_000_000, False: 250_000_000}
-"""Time of the line between two batches of rows, by whether a view shows them: a batch takes as long
-as many rows. A recording is flushed after a batch, or when a chunk is full."""
+EMIT_EVERY_NS = 250_000_000
+"""Time of the line between two batches of recorded rows, where no view shows them."""
 
-MOST_UNDRAINED = 2**18
-"""Bytes after which a batch ends early, so that a capture with a backlog keeps reporting."""
+MOST_WAITING = 2**15
+"""Rows after which a batch is recorded in any case."""
 
 REACH_NS = 20_000_000
 """How long before a read its bytes may have begun, if earlier reads were empty: an adapter delivers
@@ -110,20 +109,17 @@ class CaptureLoop:
     def __init__(self, plan: CapturePlan, clock: Clock, source: Source, recorder: Recorder) -> None:
         self._plan, self._clock, self._source, self._recorder = plan, clock, source, recorder
         self._clock_watch = ClockWatch(clock.system_ahead_ns())
-        names, baud, uncertainty_ns = (
-            plan.wiring.names,
-            plan.wiring.settings.baud,
-            source.uncertainty_ns,
-        )
+        baud, uncertainty_ns = plan.wiring.settings.baud, source.uncertainty_ns
         self._wires = {
-            name: Wire(name, baud, plan.silence_s, uncertainty_ns[name]) for name in names
+            name: Wire(name, baud, plan.silence_s, uncertainty_ns[name])
+            for name in plan.wiring.names
         }
         self._merge = Merge()
         self._merge.lanes += [wire.lane for wire in self._wires.values()]
         self._remaining = plan.count
         self._turns = 0
         self._is_ending = self._is_mixed = False
-        self._now_ns = self._drain_ns = self._undrained = 0
+        self._now_ns = self._emit_ns = 0
         self._writing_since_s: float | None = None
         """When the write under way began."""
         self.shows_rows = plan.shows_rows
@@ -135,12 +131,20 @@ class CaptureLoop:
 
     def run(self) -> None:
         """Process the source to its end, and close the recording."""
-        for item in self._source:
+        for batch in self._source.batches():
             self._turns += 1
-            if isinstance(item, PortEvent):
-                self._process_event(item)
-            elif self._remaining != 0:
-                self._process_chunk(item)
+            for item in batch:
+                if isinstance(item, PortEvent):
+                    self._process_event(item)
+                elif self._remaining != 0:
+                    self._process_chunk(item)
+            self._drain()
+            is_due = self.shows_rows or self._now_ns >= self._emit_ns
+            if is_due or self._merge.waiting >= MOST_WAITING:
+                self._emit()
+                self._watch_clock()
+                with self._writing():
+                    self._recorder.flush_if_due(self._now_ns, at_once=self.shows_rows)
         self._is_ending = True
         for wire in self._wires.values():
             wire.framer.end()
@@ -180,14 +184,6 @@ class CaptureLoop:
         if self._plan.duration_s is not None and not self._now_ns:
             self._source.stop_at(now_ns + self._plan.duration_s * 1e9)
         self._now_ns = max(self._now_ns, now_ns)
-        self._undrained += len(chunk.data)
-        if now_ns >= self._drain_ns or self._undrained >= MOST_UNDRAINED:
-            self._drain_ns, self._undrained = now_ns + DRAIN_EVERY_NS[self.shows_rows], 0
-            self._drain()
-            self._emit()
-            self._watch_clock(chunk.port)
-            with self._writing():
-                self._recorder.flush_if_due(now_ns, at_once=self.shows_rows)
 
     def _drain(self) -> None:
         """Drain all wires, and report once that two of them carry the same direction."""
@@ -209,16 +205,16 @@ class CaptureLoop:
         event = PortEvent(self._now_ns, first, PortEventKind.WIRING, detail)
         self._wires[first].lane.put(event)
 
-    def _watch_clock(self, port: str) -> None:
-        """Report a step of this machine's clock with a port."""
+    def _watch_clock(self) -> None:
+        """Report a step of this machine's clock with the first port."""
         if step_ns := self._clock_watch.step(self._clock.system_ahead_ns()):
             detail = TranslatableText(
                 "this machine's clock was set by {seconds:+.3f} s; "
                 "times in this capture continue evenly from its start",
                 seconds=step_ns / 1e9,
             )
-            event = PortEvent(self._now_ns, port, PortEventKind.CLOCK_SET, detail)
-            self._wires[port].lane.put(event)
+            port, wire = next(iter(self._wires.items()))
+            wire.lane.put(PortEvent(self._now_ns, port, PortEventKind.CLOCK_SET, detail))
 
     def _process_event(self, event: PortEvent) -> None:
         wire = self._wires[event.port]
@@ -237,6 +233,7 @@ class CaptureLoop:
 
     def _emit(self, *, final: bool = False) -> None:
         """Record what is settled."""
+        self._emit_ns = self._now_ns + EMIT_EVERY_NS
         for item in self._merge.take(least=self._now_ns - MOST_HELD_NS, final=final):
             entry = self._limited(item) if isinstance(item, Rows) else item
             assert isinstance(entry, Rows | PortEvent)
