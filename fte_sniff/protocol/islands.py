@@ -158,6 +158,8 @@ def _in_step(bounds: Ints, strict: Ints, known: int) -> list[int]:
 
 def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> Gaps:
     """The windows of gaps from an offset on; a narrow gap is one window."""
+    if not len(start):
+        return Gaps(*[start] * 4, *[start > 0] * 2)
     is_wide = stop - start > WIDEST
     core = np.maximum(start, at)
     core -= (core + phase) % CORE * is_wide

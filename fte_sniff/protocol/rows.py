@@ -257,6 +257,9 @@ class Rows(Sequence[Row]):
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    def __repr__(self) -> str:
+        return f"<{len(self)} rows>"
+
     @overload
     def __getitem__(self, at: int) -> Row: ...
     @overload

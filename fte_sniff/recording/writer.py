@@ -332,7 +332,7 @@ def _message_indexes(channels: Ints, times: Ints, starts: Ints) -> tuple[bytes, 
 
 def _keys_of(rows: Rows, log_times: Ints) -> Ints:
     """A number of each row; rows with the same number have the same template."""
-    keys = (topics_of(rows) == TOPICS.index(MALFORMED)).astype(np.int64)
+    keys: Ints = (topics_of(rows) == TOPICS.index(MALFORMED)).astype(np.int64)
     columns: Iterable[tuple[Array, int]] = (
         (rows.kinds, NO_KIND.bit_length()),
         (rows.faults, 16),
