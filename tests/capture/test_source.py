@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 import pytest
@@ -63,6 +64,22 @@ def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
     assert seen.source.lost is None
     assert line.closed == 1
     assert list(seen.source) == []
+
+
+def test_batches_gather_for_40_ms_unless_one_is_full(line: Line, monkeypatch) -> None:
+    source = source_of(line)
+    batches = source.batches()
+    next(batches)
+    began_s = time.monotonic()
+    for _ in range(5):
+        next(batches)
+    assert time.monotonic() - began_s >= 5 * module.BATCH_S * 0.9
+    monkeypatch.setattr(module, "_MOST_BATCH", 100)
+    line.reads += [b"a" * 60] * 5
+    wait_until(lambda: source.waiting == 300)
+    sizes = [sum(len(one.data) for one in next(batches) if isinstance(one, Chunk)) for _ in "abc"]
+    assert sizes == [120, 120, 60]
+    source.close()
 
 
 def test_source_that_is_never_read_closes_what_it_opened(line: Line) -> None:
