@@ -19,12 +19,7 @@ from fte_sniff.cli.input_files import (
     print_notes,
     summary,
 )
-from fte_sniff.cli.options import (
-    check_columns,
-    columns_option,
-    grouped_command,
-    rows_format_option,
-)
+from fte_sniff.cli.options import check_columns, columns_option, grouped_command, rows_format_option
 from fte_sniff.cli.streams import ending_signals, interruptible, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from contextlib import closing
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 
 import click
@@ -20,10 +20,7 @@ from fte_sniff.cli.input_files import (
     print_notes,
     print_saved,
 )
-from fte_sniff.cli.options import (
-    alert_option,
-    grouped_command,
-)
+from fte_sniff.cli.options import alert_option, grouped_command
 from fte_sniff.cli.settings import lang_option, load_settings
 from fte_sniff.cli.streams import ending_signals
 from fte_sniff.errors import UsageError
@@ -67,6 +64,7 @@ def command(
     language = settings.language(lang)
     if not query.files:
         query = replace(query, files=(_latest(),))
+    from fte_sniff.protocol.rows import Item, Rows
     from fte_sniff.session.feeds import FileFeed, played
     from fte_sniff.session.notes import Notes
     from fte_sniff.tui.app import run_screen
@@ -75,9 +73,12 @@ def command(
     wanted, paths = query.row_filter(), query.paths()
     follower = query.follower() if following else None
     reading = query.read(follower)
-    items = iter(reading)
-    # The first item is read now, so that an error comes before the screen.
-    begun = list(islice(items, 1))
+    items, begun = iter(reading), list[Item]()
+    # The first rows are read now, so that an error comes before the screen.
+    for item in items:
+        begun.append(item)
+        if isinstance(item, Rows):
+            break
     source = reading.source()
     several = len(reading.inputs) > 1
     notes = Notes({Path(one.name): one.first_ns() if several else None for one in reading.inputs})

@@ -65,8 +65,11 @@ class ItemFeed(ABC):
         """Request the end, which a later poll reports; returns at once, may be called again."""
 
     def poll(self) -> FeedUpdate:
-        """What was read since the previous call; never blocks; may be called after the end."""
-        return self._update(0, MAX_ROWS_PER_POLL)
+        """What was read since the previous call; never blocks; may be called after the end.
+
+        The first rows come alone, so that a screen shows them soon.
+        """
+        return self._update(0, MAX_ROWS_PER_POLL if self.rows else 1)
 
     def wait(self, timeout_s: float) -> FeedUpdate:
         """The next rows, with what is before them; waits `timeout_s` seconds for something."""

@@ -63,6 +63,9 @@ TICK_S: Final = 0.03
 PAUSE_S: Final = 0.12
 """Time from the drawing of rows to the next poll: they come at most six times a second."""
 
+FIRST_S: Final = 0.3
+"""Time after the first rows of a file, which are drawn before more are read."""
+
 NEWS_NS: Final = 500_000_000, 100_000_000
 """Shortest time between two drawings of the motors and the page: while rows come, which is also
 the longest without drawing the clock, and while the cursor moves."""
@@ -428,7 +431,7 @@ class SniffApp(App[None]):
         self.table.focus()
         for warning in self._options.warnings:
             self.status.warn(_(warning))
-        self.call_after_refresh(self._begin)  # so that the screen is there before the rows
+        self._begin()
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             # Only the main thread can have signal handlers.
@@ -439,7 +442,7 @@ class SniffApp(App[None]):
         self.tick()
         if not self.view.state.live:
             self.table.jump(0)
-        self.set_timer(TICK_S, self._on_clock)
+        self.set_timer(FIRST_S if self.view.store.next else TICK_S, self._on_clock)
 
     def on_unmount(self) -> None:
         """Remove an unfinished file."""

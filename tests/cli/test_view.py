@@ -71,6 +71,11 @@ def test_view_reports_unreadable_files_before_the_screen_opens(environment, tmp_
         assert screen.ended() == 4
     assert screen.drawn.count(b"\n") == 1
     assert b"none.mcap: no such file" in screen.drawn
+    (tmp_path / "x.mcap").write_bytes((SAMPLES / "clean.mcap").read_bytes()[:400])
+    with terminal(environment, tmp_path, "view", "x.mcap") as screen:
+        assert screen.ended() == 4
+    assert screen.drawn.count(b"\n") == 1
+    assert b"x.mcap: no row in it could be read" in screen.drawn
 
 
 LIVE = ("live", "sim://?rate=2500", "-o", "x.mcap", "--baud", "460800")

@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterator
 
 from fte_sniff.protocol.items import PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Item
+from fte_sniff.protocol.rows import Item, Rows
 from fte_sniff.session.feeds import FileFeed
-from tests.waiting import wait_until
+from tests.waiting import BOUND_S, wait_until
 
 
 def test_a_poll_does_not_wait_for_more() -> None:
@@ -27,3 +27,16 @@ def test_a_poll_does_not_wait_for_more() -> None:
     going.release()
     feed.close()
     assert time.monotonic() - began_s < 15
+
+
+def test_the_first_rows_come_alone() -> None:
+    are_read = threading.Event()
+
+    def items() -> Iterator[Item]:
+        yield from (Rows.blank(count, ("a",)) for count in (3, 5, 7))
+        are_read.set()
+
+    feed = FileFeed(items(), "a")
+    assert are_read.wait(BOUND_S)
+    assert [len(feed.poll().rows) for _ in range(2)] == [3, 12]
+    feed.close()
