@@ -101,8 +101,8 @@ def test_a_power_cut_between_any_writes_costs_at_most_the_last_flush(
 
 @pytest.mark.program
 def test_a_kill_at_any_time_leaves_a_file_that_opens_with_all_flushed_rows(tmp_path: Path) -> None:
-    for number in range(10):
-        left = kill_one(tmp_path / f"{number}.mcap", 0, number / 20, after_rows=number * 7)
+    for number in range(6):
+        left = kill_one(tmp_path / f"{number}.mcap", 0, number / 12, after_rows=number * 12)
         assert (left.problem, left.missing) == ("", 0)
 
 
