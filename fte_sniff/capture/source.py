@@ -306,7 +306,9 @@ class Source:
         seconds = (self._clock.now_ns() - lost_ns) / 1e9
         if again.place in (None, again.names[0]):
             return TranslatableText("after {seconds:.1f} s", seconds=seconds)
-        return TranslatableText("after {seconds:.1f} s as {port}", seconds=seconds, port=again.place)
+        return TranslatableText(
+            "after {seconds:.1f} s as {port}", seconds=seconds, port=again.place
+        )
 
     def _read_until_lost(self, connection: Connection) -> BaseException | None:
         """Read all wires until the end is due (returns None) or one is lost (returns the error)."""

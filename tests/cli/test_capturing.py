@@ -256,7 +256,7 @@ def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Proces
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
         process.send_signal(signal.SIGINT)
-        stderr_until(process, "still writing: ")
+        stderr_until(process, "the disk is slow: ")
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(END_WITHIN_S + 1)
         slow.unlink()
