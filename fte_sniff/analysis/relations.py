@@ -25,7 +25,6 @@ import polars as pl
 from fte_sniff.protocol.items import Change, Gap, GapKind
 from fte_sniff.protocol.rows import (
     ARRAYS,
-    FACTS,
     FAULT_BITS,
     KIND_OF,
     NO_FACT,
@@ -303,7 +302,7 @@ def _asked_motors(rows: Rows, runs: Runs, frames: Ints, at: Ints) -> Ints:
 
 
 def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Rows:
-    """The rows with the columns of `FACTS`; `found` are their `answers`, if known."""
+    """The rows with the columns of `rows.FACTS`; `found` are their `answers`, if known."""
     found = answers(rows, runs) if found is None else found
     before = row_before(stream_keys(rows), runs)
     previous = np.where(before == NONE, NO_FACT, rows.payloads[before] if len(rows) else before)
@@ -320,15 +319,13 @@ def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Row
         undecided[at[state > AnswerState.UNANSWERED]] = True
         answer_ns[at] = np.maximum(answer_ns[at], delays[own])
     unanswered[undecided] = NO_FACT
-    unanswered[missed > 0] = missed[missed > 0]
-    answer_ns[answer_ns == 2**62] = NO_FACT
     facts = {
-        "answer_ns": answer_ns,
-        "unanswered": unanswered,
+        "answer_ns": np.where(answer_ns == 2**62, NO_FACT, answer_ns),
+        "unanswered": np.where(missed > 0, missed, unanswered),
         "motor_hint": motor_hints(rows, runs),
         "previous": previous,
     }
-    return rows.replace(**{name: facts[name].astype(ARRAYS[name][0]) for name in FACTS})
+    return rows.replace(**{name: one.astype(ARRAYS[name][0]) for name, one in facts.items()})
 
 
 # What is late, and off target

@@ -50,6 +50,7 @@ class Segments:
         baud: int | None = None,
         test: RowTest | None = None,
         keep: Callable[[Table], Ints] | None = None,
+        every_ns: int = 0,
     ) -> None:
         """Begin a stream without rows.
 
@@ -58,8 +59,10 @@ class Segments:
             baud: of every port; None for that of the stream's `BaudChange`s.
             test: selects the rows, with their facts, that are counted; None for all.
             keep: the indices of further rows of a table that the next ones need.
+            every_ns: time between the newest rows of two tables, at least; each costs a second.
         """
         self._most, self._baud, self._test, self._keep = most, baud, test, keep
+        self._every_ns, self._latest_ns = every_ns, NO_TIME
         self._before = EMPTY
         """The last table, with only the rows that the next one needs."""
         self._items, self._count = list[Item | str](), 0
@@ -75,6 +78,10 @@ class Segments:
         self._count += len(item) if isinstance(item, Rows) else 0
         if not isinstance(item, Rows) or self._count < self._most:
             return
+        latest_ns = int(item.t_ns.max(initial=NO_TIME))
+        if 0 < latest_ns - self._latest_ns < self._every_ns:
+            return
+        self._latest_ns = latest_ns
         table = self.rest()
         stop = second_before(table.rows, len(table.rows))
         if stop > table.start:
@@ -84,12 +91,7 @@ class Segments:
             self._items, self._count = [], 0
 
     def rest(self) -> Table:
-        """The table of the rows that wait, as if the stream ended here; it may go on."""
-        table = self._joined()
-        return replace(table, stop=len(table.rows), test=self._test)
-
-    def _joined(self) -> Table:
-        """The rows that wait, after those that were kept."""
+        """The rows that wait, after those that were kept, as if the stream ended; it may go on."""
         before = self._before
         rows = Rows.concat([one for one in self._items if isinstance(one, Rows)])
         bauds, default = dict(before.bauds), self._baud or DEFAULT_BAUD
@@ -118,6 +120,8 @@ class Segments:
         return replace(
             before,
             rows=Rows.concat([one for one in (before.rows, rows) if len(one)]),
+            stop=len(before.rows) + len(rows),
+            test=self._test,
             runs=np.append(before.runs, runs_of(rows, changes, before.runs)),
             byte_ns=np.append(before.byte_ns, byte_ns),
             source=np.append(before.source, source),

@@ -25,7 +25,7 @@ from typing import Any, Final
 import numpy as np
 
 from fte_sniff.analysis.filter.row_filter import RowFilter
-from fte_sniff.analysis.relations import RUN, Runs, runs_of
+from fte_sniff.analysis.relations import DEADLINE_NS, RUN, Runs, runs_of
 from fte_sniff.analysis.segments import Segments
 from fte_sniff.analysis.table import Table
 from fte_sniff.protocol.items import Change
@@ -44,7 +44,8 @@ class RowStore:
     def __init__(self, block_rows: int = BLOCK_ROWS, memory_rows: int = MEMORY_ROWS) -> None:
         self._block_rows, self._memory_blocks = block_rows, memory_rows // block_rows
         self._blocks = list[dict[str, Array]]()
-        self._segments = Segments(most=1)
+        # Each table has the rows of the two seconds around its own.
+        self._segments = Segments(most=1, every_ns=DEADLINE_NS // 2)
         self.ports: tuple[str, ...] = ()
         """The ports so far."""
         self.marks = list[Change]()
@@ -54,7 +55,7 @@ class RowStore:
         self.next = 0
         """Index of the next row: the number of all rows so far."""
         self.known = 0
-        """Index after the last row whose facts are known: about a second behind."""
+        """Index after the last row whose facts are known: a second or two behind."""
 
     def append(self, item: Item) -> None:
         """Append rows, or what happened before the next ones."""

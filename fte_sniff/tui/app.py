@@ -68,9 +68,9 @@ FIRST_S: Final = 0.3
 
 NEWS_NS: Final = 500_000_000, 100_000_000
 """Shortest time between two drawings of the motors and the page: while rows come, which is also
-the longest without drawing the clock, and while the cursor moves."""
+that between two drawings of the lines, and while the cursor moves."""
 
-SHARE: Final = 64, 8
+SHARE: Final = 96, 8
 """What takes long to draw waits this many times as long, in the same cases."""
 
 FINDINGS_NS: Final = 5_000_000_000
@@ -488,7 +488,7 @@ class SniffApp(App[None]):
             return  # the terminal has not yet drawn what was written
         if self._is_stale:
             self._sync_table()
-        if self._is_stale or self.now_ns() >= self._show_due_ns:
+        if self.now_ns() >= self._show_due_ns:
             self.show_state()
         self._is_stale = False
 
@@ -505,12 +505,10 @@ class SniffApp(App[None]):
     def _report(self, before: str | None, *, ended: bool) -> None:
         """Show troubles of the recording, alerts, and the end of the feed; quit then if wanted."""
         state, status = self.view.state, self.status
-        trouble, warns = state.trouble, status.warns("recording")
-        is_new = getattr(trouble, "form", trouble) != getattr(before, "form", before)
-        if trouble and trouble != before and (is_new or warns):
-            status.warn(_(trouble), "recording")
-        elif before and not trouble and warns:
-            status.warn(_("over: {text}", text=_(before)), "recording")
+        if state.trouble and state.trouble != before:
+            status.warn(_(state.trouble), "recording")
+        elif not state.trouble:
+            status.forget("recording")
         if ended and status.asks:
             status.inform("")  # nothing is recorded any more
         if ended and self._options.leave_at_end:
@@ -549,7 +547,6 @@ class SniffApp(App[None]):
         search = partial(self._examiner.search, lives=self.view.lives)
         found, coverage = await asyncio.to_thread(search)
         self.findings.take(found, coverage)
-        self._asked = ()
         if not self.view.state.live:
             if found and not self.typed.began:
                 self._show(self.findings)
@@ -652,11 +649,11 @@ class SniffApp(App[None]):
         asked = (
             *(view.finding, chosen, self.strip.size, self.theme, self.language),
             *(pane.page, pane.size, table.field, view.shown.matches),
-            *(self.findings.at, self.findings.listed, self.streams.at),
+            *(self.findings.at, self.streams.at),
         )
         seconds = now_ns // 1_000_000_000 if view.lives else 0  # also while nothing comes
         newest = view.store.next if cursor is None else 0
-        drawn = (table.cursor_index, view.shown.count, newest, seconds)
+        drawn = (table.cursor_index, view.shown.count, newest, seconds, self.findings.listed)
         if asked == self._asked and (drawn == self._drawn or now_ns < self._draw_due_ns):
             return
         self._asked, self._drawn = asked, drawn

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, timezone, tzinfo
-from functools import cache
+from functools import cache, lru_cache
 from typing import Final, TypeAlias
 
 from rich.cells import cell_len
@@ -21,9 +21,8 @@ from fte_sniff.formats.cell_text import (
     short_names,
 )
 from fte_sniff.i18n import _, later, translated
-from fte_sniff.protocol.columns import COLUMN_BY_NAME, ColumnType, Value, spaced_hex
+from fte_sniff.protocol.columns import COLUMN_BY_NAME, ColumnType, spaced_hex
 from fte_sniff.protocol.items import Gap, PortEvent, PortEventKind
-from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import (
     FIELD_BY_NAME,
     FRAME_LENGTH,
@@ -72,12 +71,6 @@ def value_parts(
         if sum(len(text) + 1 for text, _field in parts) <= width + 1:
             break
     return parts
-
-
-def is_raised(row: Row) -> bool:
-    """Whether a flag byte of the row differs from its default."""
-    kind = row.kind
-    return kind is not None and kind.raised(row.raw)
 
 
 def _number(field: Field, value: int) -> str:
@@ -212,7 +205,7 @@ _WIDTHS = {
 """Cells of columns whose values or words do not decide."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TableColumn:
     """One column of the table."""
 
@@ -222,13 +215,6 @@ class TableColumn:
     number: bool
     """Whether it is aligned to the right."""
     view: TableView
-
-    def cell(self, value: Value) -> str:
-        """A value in exactly `width` cells; blank for None."""
-        if value is None:
-            return " " * self.width
-        text = cell_of(self.name, value, self.width, self.view)
-        return (fit_right if self.number else fit)(text, self.width)
 
     @property
     def head_cell(self) -> str:
@@ -259,8 +245,17 @@ def column_of(name: str, view: TableView) -> TableColumn:
     return TableColumn(name, width, is_number, view)
 
 
-def cell_of(name: str, value: Value, width: int, view: TableView) -> str:
-    """The text of a value of a column in about `width` cells."""
+@lru_cache(1 << 13)
+def padded_cell(column: TableColumn, value: object) -> str:
+    """A value of a column in exactly its `width` cells; blank for None."""
+    if value is None:
+        return " " * column.width
+    text = _text_of(column.name, value, column.width, column.view)
+    return (fit_right if column.number else fit)(text, column.width)
+
+
+def _text_of(name: str, value: object, width: int, view: TableView) -> str:
+    """The text of a value in about `width` cells."""
     field = FIELD_BY_NAME.get(name)
     if field is not None and field.legal_bits is not None:
         return f"{value:02X}"
@@ -280,7 +275,7 @@ def cell_of(name: str, value: Value, width: int, view: TableView) -> str:
             return short_kind(value, width)
         case "raw", str():
             return bytes_text(bytes.fromhex(value), width)
-        case "faults", list():
+        case "faults", tuple():
             return ",".join(value)
     return printable(str(value))
 

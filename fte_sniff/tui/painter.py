@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from itertools import groupby
 from typing import Final, TypeAlias
 
@@ -20,7 +20,7 @@ from textual.strip import Strip
 from fte_sniff.errors import ExplainedWord
 from fte_sniff.formats.cell_text import fit
 from fte_sniff.formats.looks import LOOKS, mark_of
-from fte_sniff.protocol.columns import Value, record, spaced_hex
+from fte_sniff.protocol.columns import record, spaced_hex
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import Row
 from fte_sniff.protocol.spec import FRAME_LENGTH, Direction, Status, status_of
@@ -29,7 +29,7 @@ from fte_sniff.tui.cells import (
     TableColumn,
     TableLayout,
     bytes_text,
-    is_raised,
+    padded_cell,
     value_parts,
 )
 
@@ -39,7 +39,7 @@ REVERSED: Final = Style(reverse=True, bold=True)
 UNDERLINED: Final = Style(underline=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Palette:
     """Styles under dark or light themes."""
 
@@ -54,11 +54,11 @@ class Palette:
     changed: Style
     """Bytes that differ from the frame before."""
 
-    def of_bytes(self, row: Row) -> list[Style]:
+    def of_bytes(self, row: Row, *, is_raised: bool) -> list[Style]:
         """The style of each byte: muted, or that of its fault or flag."""
         plain = self.statuses[row.status] if row.kind is None else self.muted
         styles = [plain] * len(row.raw)
-        if row.faults or is_raised(row):
+        if row.faults or is_raised:
             for field in dissect(row):
                 for at in field.offsets:
                     if field.fault is not None:
@@ -118,6 +118,8 @@ class RowCell:
     changed: tuple[bool, ...] | None = None
     """By byte, whether it differs from the frame before; None where that is not shown."""
     field: range | None = None
+    is_raised: bool = False
+    """Whether a flag byte differs from its default."""
 
 
 EVENT_SIGN: Final = "="
@@ -135,34 +137,38 @@ class Painter:
 
     def row(self, cell: RowCell, line: Style) -> Strip:
         """The row, over the style of its line."""
-        row = cell.row
-        runs = [self._mark(row), (cell.sign.value, self.palette.signs)]
-        values = record(row)
-        for number, column in enumerate(self._columns):
+        signs = PLAIN if cell.sign is Sign.NONE else self.palette.signs
+        runs = [self._mark(cell), (cell.sign.value, signs)]
+        for number, column in enumerate(self._columns.columns):
             runs += [_SPACE] if number else []
-            runs += self._cell(column, cell, values)
-        return self._strip(runs, line)
+            runs += self._cell(column, cell)
+        used = max(self._columns.width, 2)  # the mark and the sign, without any column
+        runs.append((" " * (self.width - used), PLAIN))
+        # Measured by Textual, a line takes twice as long.
+        return self._strip(runs, line, max(self.width, used)).crop(0, self.width)
 
     def event(self, text: str, line: Style) -> Strip:
         """The line of a port event or a gap; the text is printable."""
         text = fit(f" {text} ", self.width - 1).rstrip()
         rule = "─" * max(0, self.width - 1 - cell_len(text) - 1)
         style = self.palette.signs
-        return self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)
+        strip = self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)
+        return strip.adjust_cell_length(self.width, line)
 
     def head(self, line: Style) -> Strip:
         """The column names, with `<` and `>` where there are more columns."""
         runs = [(LOOKS[Status.OK].mark, PLAIN)]
-        for number, column in enumerate(self._columns):
+        for number, column in enumerate(self._columns.columns):
             edge = "<" if number == 1 and self.hidden else " "
             runs.append((edge + column.head_cell, PLAIN))
-        strip = self._strip(runs, line)
+        strip = self._strip(runs, line).adjust_cell_length(self.width, line)
         if self.shown.width > self.width > 0:
             strip = Strip([*strip.crop(0, self.width - 1), Segment(">", line)], self.width)
         return strip
 
-    def _mark(self, row: Row) -> _Run:
-        if row.status is Status.OK and is_raised(row):
+    def _mark(self, cell: RowCell) -> _Run:
+        row = cell.row
+        if row.status is Status.OK and cell.is_raised:
             return RAISED_MARK, self.palette.raised + REVERSED
         style = PLAIN if row.status is Status.OK else self.palette.statuses[row.status] + REVERSED
         return mark_of(row), style
@@ -173,32 +179,33 @@ class Painter:
         return self.layout.without(self.hidden)
 
     @cached_property
-    def _columns(self) -> tuple[TableColumn, ...]:
-        return self.shown.within(self.width).columns
+    def _columns(self) -> TableLayout:
+        return self.shown.within(self.width)
 
-    def _cell(
-        self, column: TableColumn, cell: RowCell, values: Mapping[str, Value]
-    ) -> Sequence[_Run]:
+    def _cell(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
         """The runs of one cell, exactly as wide as its column."""
-        row, muted = cell.row, self.palette.muted
+        row, style = cell.row, self.palette.muted
+        value: object
         match column.name:
             case "raw":
                 return self._bytes(column, cell)
             case "values":
                 return self._short_values(column, cell)
             case "time":
-                return [(column.cell(cell.time_ns), muted)]
+                value = cell.time_ns
             case "delta":
-                return [(column.cell(cell.delta_ns), muted)]
+                value = cell.delta_ns
             case "kind":
-                kind = row.kind
-                return [(column.cell(kind.name if kind else None), _weight(row))]
-            case "port":
-                return [(column.cell(row.port), muted)]
+                value, style = row.kind and row.kind.name, _weight(row)
             case "faults" | "status" as name:
-                return [(column.cell(values[name]), self.palette.statuses[row.status])]
+                value, style = getattr(row, name), self.palette.statuses[row.status]
+            case "port" | "offset" | "direction" | "cmd" as name:
+                value = getattr(row, name)
+            case "length":
+                value = len(row.raw)
             case name:
-                return [(column.cell(values[name]), self._value_style(name, row))]
+                value, style = record(row)[name], self._value_style(name, row)
+        return [(padded_cell(column, value), style)]
 
     def _value_style(self, name: str, row: Row) -> Style:
         """Bold in commands; that of a flag if it is raised."""
@@ -212,23 +219,24 @@ class Painter:
         """The values, after the faults where their column is not in the window."""
         row, left = cell.row, column.width
         runs = list[_Run]()
-        if row.faults and all(one.name != "faults" for one in self._columns):
+        if row.faults and all(one.name != "faults" for one in self._columns.columns):
             faults = fit(",".join(row.faults), min(left, sum(len(one) + 1 for one in row.faults)))
             runs.append((faults, self.palette.statuses[row.status]))
             left -= len(faults)
         parts = value_parts(row.kind, row.raw, left) if row.kind else ()
         text = fit(" ".join(one for one, _field in parts), left)
-        for one, field in parts:
+        for one, field in parts if cell.is_raised else ():
             end = len(one)
             runs += [(text[:end], self._value_style(field.name, row)), (text[end : end + 1], PLAIN)]
             text = text[end + 1 :]
-        return [*runs, (text, PLAIN)]
+        return [*runs, (text, _weight(row))]
 
     def _bytes(self, column: TableColumn, cell: RowCell) -> Sequence[_Run]:
         row, width, palette = cell.row, column.width, self.palette
         if len(row.raw) > FRAME_LENGTH:
             return [(fit(bytes_text(row.raw, width), width), palette.statuses[row.status])]
-        text, styles = fit(spaced_hex(row.raw), width), palette.of_bytes(row)
+        text = fit(spaced_hex(row.raw), width)
+        styles = palette.of_bytes(row, is_raised=cell.is_raised)
         for at, style in enumerate(styles):
             if cell.field is not None and at in cell.field:
                 styles[at] = style + REVERSED + UNDERLINED
@@ -241,17 +249,22 @@ class Painter:
             start = end
         return [*runs, (text[start:], PLAIN)]
 
-    def _strip(self, runs: Iterable[_Run], line: Style) -> Strip:
+    def _strip(self, runs: Iterable[_Run], line: Style, length: int | None = None) -> Strip:
         # Fewer segments take less time to draw; `Strip.apply_style` takes five times as long.
-        joined, last = list[_Run](), PLAIN
+        texts, styles, is_boxed = [""], [PLAIN], False
         for text, style in runs:
-            if style is last or (text.isspace() and not (_is_boxed(last) or _is_boxed(style))):
-                joined.append((joined.pop()[0] + text if joined else text, last))
+            if style is styles[-1] or (style is PLAIN and not is_boxed and text.isspace()):
+                texts[-1] += text
             elif text:
-                joined.append((text, style))
-                last = style
-        strip = Strip([Segment(text, line + style) for text, style in joined])
-        return strip.adjust_cell_length(self.width, line)
+                texts.append(text)
+                styles.append(style)
+                is_boxed = _is_boxed(style)
+        joined = zip(texts, styles, strict=True)
+        return Strip([Segment(text, line + style) for text, style in joined if text], length)
+
+
+painter_for: Final = lru_cache(8)(Painter)
+"""A painter; the same one for the same arguments, so that it keeps its columns."""
 
 
 def _weight(row: Row) -> Style:

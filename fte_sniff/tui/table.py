@@ -28,7 +28,7 @@ from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.rows import NO_TIME, Row, Rows
 from fte_sniff.protocol.spec import FRAME_LENGTH, NUM_OFFSET
 from fte_sniff.tui.cells import TableColumn, TableView, TimeStyle, landmark_text, layout_for
-from fte_sniff.tui.painter import DARK, LIGHT, Painter, Palette, RowCell, Sign
+from fte_sniff.tui.painter import DARK, LIGHT, Painter, Palette, RowCell, Sign, painter_for
 from fte_sniff.tui.view import View
 from fte_sniff.tui.viewport import Viewport
 
@@ -253,7 +253,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         """Index and cell of the rows in the window, from top to bottom."""
         zero_ns, deltas = self._zero_ns, self._deltas(rows)
         changed = _changed(rows) if self.look.changes else [None] * len(rows)
-        paired, selected = self._paired, self.selected
+        paired, selected, raised = self._paired, self.selected, rows.raised().tolist()
         for number, (index, row) in enumerate(zip(indices, rows, strict=True)):
             sign = Sign.UNANSWERED if row.unanswered else Sign.NONE
             sign = Sign.SELECTED if index in selected else sign
@@ -270,6 +270,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
                     deltas[number],
                     changed[number],
                     self._field_offsets(row) if is_at else None,
+                    raised[number],
                 ),
             )
 
@@ -308,7 +309,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         width = self.scrollable_size.width
         layout = layout_for(width, self.look)
         self._hidden = min(max(0, self._hidden), max(0, len(layout.columns) - 2))
-        return Painter(layout, self.palette, width, self._hidden)
+        return painter_for(layout, self.palette, width, self._hidden)
 
     @property
     def columns(self) -> tuple[TableColumn, ...]:

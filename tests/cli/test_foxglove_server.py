@@ -70,8 +70,9 @@ def server() -> Iterator[Any]:
 
 
 def viewer_at(address: str, **options: Any) -> Any:
-    options |= {"open_timeout": BOUND_S, "close_timeout": 1}
-    return sync_client.connect(address, subprotocols=foxglove.SUBPROTOCOLS[:1], **options)
+    return sync_client.connect(
+        address, subprotocols=foxglove.SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options
+    )
 
 
 def address_in(text: str) -> str:
