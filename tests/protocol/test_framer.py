@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from random import Random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -237,6 +238,14 @@ def test_rows_cover_the_stream(data: bytes, size: int) -> None:
     assert b"".join(row.raw for row in rows) == data
 
 
+@given(raw_bytes)
+def test_bytes_of_rows_are_padded_with_zeros(data: bytes) -> None:
+    framer = Framer("p")
+    framer.push(Chunk("p", None, data))
+    rows = framer.finish()
+    assert not rows.raw[np.arange(MOST_BYTES) >= rows.length[:, None]].any()
+
+
 @st.composite
 def timed_chunks(draw: st.DrawFn) -> list[Chunk]:
     """Chunks with bursts, pauses, silence, and late reads."""
@@ -429,11 +438,12 @@ def test_silence_decides_noise_and_the_start_of_a_frame_after_half_a_second() ->
     assert after_silence(bytes(100), 25)[-1] == (bytes(4), NOISE)
 
 
-def test_a_delayed_reader_cuts_no_frame() -> None:
+@pytest.mark.parametrize("cut", range(1, FRAME_LENGTH))
+def test_a_delayed_reader_cuts_no_frame(cut: int) -> None:
     chunks = [
-        Chunk("p", START, FRAME * 3 + FRAME[:4]),
+        Chunk("p", START, FRAME * 3 + FRAME[:cut]),
         Chunk("p", START + 50 * MS, b""),
-        Chunk("p", START + 120 * MS, FRAME[4:] + FRAME),
+        Chunk("p", START + 120 * MS, FRAME[cut:] + FRAME),
     ]
     assert [(row.raw, row.faults) for row in framed(chunks)] == [(FRAME, ())] * 5
 

@@ -322,6 +322,7 @@ HOSTILE = [
     chunk(b"", b"x" * 100, 100, length=LARGEST),
     chunk(b"brotli", b"x" * 100, 100),
     chunk(b"", struct.pack("<BQ", 5, 2**62), 9),
+    chunk(b"", b"\x05" * 5, 5),
     struct.pack("<BQ", Opcode.CHUNK, 0),
     struct.pack("<BQ", Opcode.CHUNK, 2**64 - 1),
     struct.pack("<BQI", Opcode.CHANNEL, 4, 2**32 - 1),

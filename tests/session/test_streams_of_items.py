@@ -15,7 +15,7 @@ from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import BaudChange, Chunk, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Item, Row, Rows
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
-from fte_sniff.recording.metadata import PortFacts
+from fte_sniff.recording.metadata import PortFacts, host_facts
 from fte_sniff.recording.reader import Recording, TimeRange
 from fte_sniff.recording.recorder import Recorder, RecordingOptions
 from fte_sniff.session.following import Follower
@@ -144,6 +144,20 @@ def test_several_inputs_are_read_in_the_order_of_time_and_counted_once(tmp_path:
     assert rows.t_ns.tolist() == sorted(rows.t_ns.tolist())
     assert (len(rows), reading.tally.rows, reading.written) == (16, 16, 16)
     assert not reading.notes
+
+
+def test_files_of_a_capture_follow_each_other_by_number(tmp_path: Path) -> None:
+    """The clock was set back during the capture."""
+    facts, options = host_facts(SECOND), RecordingOptions(rotate_bytes=1)
+    recorder = Recorder(tmp_path / "x.mcap", [PortFacts("a")], facts, options=options)
+    for second in (20, 10, 30):
+        recorder.write(rows_at("a", second * SECOND))
+        recorder.flush()
+    recorder.close()
+    own = [recording_input(Recording(path)) for path in recorder.files]
+    other = recorded(tmp_path / "y.mcap", rows_at("a", SECOND))
+    assert InputReading([*reversed(own), other]).groups == [[other], own]
+    assert len(own) > 2
 
 
 def test_a_follower_has_the_rows_of_a_file_that_grows_and_of_the_next_files(tmp_path: Path) -> None:
