@@ -80,9 +80,12 @@ PICTURES: Mapping[str, Picture] = {
     "streams": Picture((120, 32), ("T",), "unanswered", frames=2650),
     "small": Picture((80, 24), (), "LIVE"),
     "small-zh": Picture((80, 24), (), "实时", language="zh"),
+    "small-light": Picture((80, 24), ("ctrl+t", "exclamation_mark"), "findings", frames=2650),
     "narrow": Picture((40, 16), (), "LIVE"),
     "wide": Picture((200, 60), ("M",), "feedback", frames=2650),
     "wide-zh": Picture((200, 60), ("ctrl+t", "T"), "未应答", frames=2650, language="zh"),
+    "wide-light": Picture((200, 60), ("ctrl+t", "E", "enter"), "byte by byte"),
+    "wide-dark-zh": Picture((200, 60), ("M",), "实线", frames=2650, language="zh"),
     "filter-wrong": Picture((80, 24), ("f", "'moter = 1'", "enter"), "moter"),
     "filter-empty": Picture((80, 24), ("f", "'rpm > 9000'", "enter"), "hides all"),
     "search": Picture(
@@ -91,6 +94,7 @@ PICTURES: Mapping[str, Picture] = {
     "help": Picture((100, 40), ("question_mark",), "Keys and signs"),
     "columns": Picture((100, 30), ("C",), "enter applies"),
     "light": Picture((120, 32), ("space", "v", "up", "up", "m", "ctrl+t"), "SCROLLED"),
+    "light-zh": Picture((120, 32), ("ctrl+t", "T"), "未应答", frames=2650, language="zh"),
     "light-motors-zh": Picture((80, 24), ("ctrl+t", "M"), "电机", language="zh"),
     "colourless": Picture((100, 30), ("E", "enter"), "byte by byte", environment={"NO_COLOR": "1"}),
 }
