@@ -21,10 +21,11 @@ from babel.messages.mofile import read_mo, write_mo
 from babel.messages.pofile import read_po, write_po
 
 from fte_sniff import errors
-from fte_sniff.analysis.check import MEASURES
+from fte_sniff.analysis.check import MEASURES, RuleResult
 from fte_sniff.analysis.filter.row_filter import EXAMPLES
 from fte_sniff.analysis.findings import Cause
 from fte_sniff.analysis.motors import Trouble
+from fte_sniff.cli.check import NUMBER
 from fte_sniff.errors import REASONS, UNREADABLE, UNWRITABLE, Joint
 from fte_sniff.i18n import CATALOGUES, DOMAIN, LANGUAGES
 from fte_sniff.protocol.columns import COLUMNS
@@ -89,6 +90,9 @@ def table_texts() -> Iterator[str]:
     yield from STOPPED.values()
     yield from Joint
     yield from (measure.needs for measure in MEASURES.values())
+    units = {measure.unit for measure in MEASURES.values()} | {column.unit for column in COLUMNS}
+    yield from (f"{{value:{NUMBER}}} {unit}" for unit in units if unit.isalpha() and len(unit) > 3)
+    yield from RuleResult
     yield from (Role.SPEED, Role.POSITION)
     yield from (event_words(kind) for kind in PortEventKind)
     yield from (one.value for one in Trouble)

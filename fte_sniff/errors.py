@@ -104,8 +104,8 @@ def quoted(text: str) -> str:
 
 def size_text(size: int) -> str:
     """A size with three digits: `1.5 GB`."""
-    for unit, name in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
-        if size >= unit:
+    for unit, name in ((10**12, "TB"), (10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
+        if size >= 0.9995 * unit:  # what rounds to a thousand of the next smaller unit
             return f"{size / unit:.3g} {name}"
     return f"{size} bytes"
 

@@ -1,7 +1,7 @@
 """What users rely on: the public names, and the pages of README and docs."""
 
 import re
-from importlib.metadata import version
+from importlib.metadata import metadata, version
 from pathlib import Path
 
 import pytest
@@ -35,6 +35,14 @@ def test_every_module_has_a_docstring() -> None:
 def test_version_is_that_of_the_package() -> None:
     assert version("fte-sniff") == fte_sniff.__version__
     assert re.fullmatch(r"\d+\.\d+\.\d+", fte_sniff.__version__)
+
+
+def test_extras_that_messages_and_pages_name_exist() -> None:
+    sources = [*Path(fte_sniff.__file__).parent.rglob("*.py"), *PAGES]
+    texts = [path.read_text(encoding="utf-8") for path in sources]
+    named = {name for text in texts for name in re.findall(r"'(?:fte-sniff|\.)\[(\w+)\]'", text)}
+    assert named >= {"cluster", "foxglove", "report"}
+    assert named <= set(metadata("fte-sniff").get_all("Provides-Extra", []))
 
 
 def rows_of_where() -> list[str]:

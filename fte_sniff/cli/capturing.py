@@ -308,7 +308,7 @@ def run_capture(
         try:
             from fte_sniff.cli.foxglove_server import FoxgloveServer
         except ImportError as error:
-            install = f"`{sys.executable} -m pip install websockets`"
+            install = f"`{sys.executable} -m pip install 'fte-sniff[foxglove]'`"
             raise UsageError(f"--serve needs websockets: {install}") from error
         address = local("--serve", given.serve, is_network)
         observers.append(FoxgloveServer(address, plan.wiring.names, given.origins))

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 VERSION: Final = 1
 
-_NUMBER: Final = ".6g"
+NUMBER: Final = ".6g"
 
 
 @grouped_command(name="check", short_help="A verdict about files: pass, fail, or not covered.")
@@ -122,11 +122,12 @@ def _lines(verdicts: Sequence[Verdict], zone: tzinfo) -> Iterator[Text]:
     for one in verdicts:
         mark = LOOKS[Status.MALFORMED if one.refuses else Status.OK].mark
         value, unit = one.value, one.rule.unit
-        measured = UNKNOWN if value is None else _(f"{{value:{_NUMBER}}} {unit}", value=value)
-        expected = f"{one.rule.operator} {one.rule.number:{_NUMBER}}"
-        allowed = " (allowed)" * (one.result == "not covered" and not one.refuses)
+        measured = UNKNOWN if value is None else _(f"{{value:{NUMBER}}} {unit}", value=value)
+        expected = f"{one.rule.operator} {one.rule.number:{NUMBER}}"
+        is_allowed = one.result == "not covered" and not one.refuses
+        result = _("not covered (allowed)") if is_allowed else _(one.result)
         name = f"{mark} {printable(one.rule.name)}"
-        rows.append([name, measured.strip(), expected, f"{one.result}{allowed}"])
+        rows.append([name, measured.strip(), expected, result])
     heads = [f"  {_('rule')}", _("measured"), _("expected"), _("verdict")]
     head, *lines = table_lines(heads, rows)
     yield head

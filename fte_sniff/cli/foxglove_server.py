@@ -67,6 +67,11 @@ def allows_host(host: str, bound: str) -> bool:
     return name == bound.lower() or _NUMERIC.fullmatch(name) is not None
 
 
+def _origin(name: str) -> Origin:
+    """The origin that a user names; `plots.example.org` and a link to its top page are allowed."""
+    return Origin((name if "://" in name else f"https://{name}").rstrip("/"))
+
+
 class FoxgloveServer(Observer):
     """Serves the rows and port events of a capture as they come, in a thread of its own."""
 
@@ -127,7 +132,7 @@ class FoxgloveServer(Observer):
             self._serve,
             sock=listening,
             process_request=self._refused,
-            origins=[None, *map(Origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
+            origins=[None, *map(_origin, (FOXGLOVE_ORIGIN, *self._origins)), _THIS_MACHINE],
             subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
             compression=None,
             ping_interval=None,

@@ -40,11 +40,8 @@ class _Address(click.ParamType[tuple[str, int]]):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, int]:
         """The IP address and the port; fails for other texts."""
-        if isinstance(value, tuple):
-            return value
         name, _, number = value.rpartition(":")
-        is_number = number.isdecimal() and number.isascii() and int(number) < 1 << 16
-        if not is_number:
+        if not (number.isdecimal() and number.isascii() and int(number) < 1 << 16):
             self.fail(f"{printable(value)} is not HOST:PORT or PORT", param, ctx)
         try:
             found = socket.getaddrinfo(name.strip("[]") or "127.0.0.1", int(number))

@@ -36,7 +36,7 @@ def command(query: InputQuery, output: Path, force: bool, lang: str | None) -> N
         from fte_sniff.cli.report_page import counted, page, title_of
     except ModuleNotFoundError as error:
         raise UsageError(
-            f"report needs {error.name}: `{sys.executable} -m pip install {error.name}`"
+            f"report needs {error.name}: `{sys.executable} -m pip install 'fte-sniff[report]'`"
         ) from error
     from fte_sniff.analysis import events, statistics
     from fte_sniff.analysis.findings import find

@@ -217,7 +217,7 @@ _PERIODS: Final[Columns] = (
 )
 _VALUES: Final[Columns] = (*_STREAM, ("values", _values))
 _MOTORS: Final[Columns] = (
-    (f"  {MOTOR}", _motor),
+    ("  motor", _motor),
     *map(_count, ("commands", "feedback", "answered", "unanswered")),
     _count("neither", "unknown"),
     ("delay", lambda one, _: _span(one["delay"]["p50_s"])),

@@ -63,7 +63,7 @@ def _client(address: str) -> Iterator[Executor]:
     except ImportError:
         raise UsageError(
             "--cluster needs the package distributed, which is not installed; install it with"
-            " `pip install 'distributed>=2025.5'`"
+            " `pip install 'fte-sniff[cluster]'`"
         ) from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fte_sniff.errors import FileError
+from fte_sniff.errors import FileError, size_text
 from fte_sniff.protocol.items import Gap, GapKind
 from fte_sniff.protocol.rows import Row, Rows
 from fte_sniff.recording import recorder as recorder_module
@@ -335,3 +335,11 @@ def test_files_of_an_earlier_capture_are_kept(tmp_path: Path) -> None:
     flush_each(recorder, rows)
     recorder.close()
     assert rows_in(first) + rows_in(second) == rows
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(999, "999 bytes"), (999_600, "1 MB"), (1_230_000_000, "1.23 GB"), (5 * 10**12, "5 TB")],
+)
+def test_size_is_written_without_an_exponent(size: int, text: str) -> None:
+    assert size_text(size) == text
