@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import NamedTuple
 
 
@@ -57,6 +58,7 @@ def line(form: str) -> Layout:
     return layout
 
 
+@cache
 def values(number: int, sent: Sent) -> dict[str, object]:
     """What a line may contain."""
     data, tx = sent.data, sent.way == "tx"
