@@ -20,10 +20,6 @@ from tests.examples import FULL, QUICK
 from tests.needs import needs_of
 from tests.pseudo_terminals import new_pty, pty, until  # noqa: F401
 
-# Tests of full disks limit the size of files. A module first imported under such a limit would
-# leave a truncated .pyc file, and break later imports.
-os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
-
 # Tests close terminals and press Ctrl-C. A handler is not inherited; that a signal is ignored is:
 # SIGHUP under nohup, SIGINT in the background of a script.
 for number, handler in (
@@ -57,8 +53,11 @@ def pytest_collection_finish() -> None:
     # An app is many objects in cycles: to look for them again and again is a quarter of a test.
     # Not to look for old ones at all would take more than a gigabyte in each worker.
     gc.set_threshold(200_000, 10, 5)
-    # What pytest makes of the test modules is kept: that takes most of the time of collecting them.
+    # Tests of full disks limit the size of files. A module first imported under such a limit would
+    # leave a truncated .pyc file, and break later imports. What pytest makes of the test modules
+    # is kept, also by its workers: that takes most of the time of collecting them.
     sys.dont_write_bytecode = True
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

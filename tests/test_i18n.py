@@ -21,6 +21,7 @@ def _chinese() -> Iterator[None]:
     ("english", "chinese"),
     [
         ("silent for 2.0 s", "已静默 2.0 秒"),
+        ("after 8.1 s as /dev/ttyUSB1", "8.1 秒后，现在是 /dev/ttyUSB1"),
         ("a.hex: its times name no zone, and are taken as UTC; --zone +08:00 sets it", None),
         ("3 rows, nothing malformed", "3 行，无畸形帧"),
         ("Invalid value for '--count': 0 is not in the range x>=1", "'--count' 的值无效"),

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,8 @@ from fte_sniff.capture.lasting_name import lasting_name
 from fte_sniff.capture.port_errors import check_name, port_error
 from fte_sniff.cli.input_files import FileName
 from tests.beside import Work, running, server_socket
-from tests.cli.program import Program
+from tests.cli.program import Program, plain_environment
+from tests.in_process import call
 from tests.pseudo_terminals import Pty
 from tests.slow import first
 from tests.waiting import BOUND_S
@@ -74,19 +76,12 @@ Result = tuple[int, bytes, bytes]
 
 def environment_in(folder: Path, **variables: str) -> dict[str, str]:
     """Ours, with settings of the program in `folder`."""
-    return {key: text for key, text in os.environ.items() if key != "COLUMNS"} | {
-        "PYTHONPATH": str(ROOT),
+    return plain_environment() | {
         "FTE_SNIFF_CONFIG": str(folder / "config.toml"),
         "XDG_STATE_HOME": str(folder / "state"),
         "NO_COLOR": "1",
-        "TERM": "xterm-256color",
         **variables,
     }
-
-
-@pytest.fixture
-def ordinary() -> Program:
-    return Program()
 
 
 @pytest.fixture
@@ -97,6 +92,11 @@ def without_posix() -> Program:
 def run(program: Program, folder: Path, *words: str) -> Result:
     """Exit code, standard output and standard error."""
     return program.run(list(words), b"", folder, environment_in(folder))[:3]
+
+
+def ordinary(folder: Path, *words: str) -> Result:
+    """Those of an ordinary run."""
+    return call(words, b"", folder, environment_in(folder))[:3]
 
 
 @pytest.fixture
@@ -148,12 +148,11 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def test_command_does_the_same_without_posix(
     folder: Path,
     tmp_path_factory: pytest.TempPathFactory,
-    ordinary: Program,
     without_posix: Program,
     words: str,
 ) -> None:
     other = copied(folder, tmp_path_factory.mktemp("other"))
-    expected = run(ordinary, folder, *words.split())
+    expected = ordinary(folder, *words.removesuffix(" --jobs 2").split())
     assert run(without_posix, other, *words.split()) == expected
     assert b"Traceback" not in expected[2]
     assert files_of(other) == files_of(folder)
@@ -168,18 +167,17 @@ def test_command_that_needs_a_pseudo_terminal_names_another_way(
     assert b"pseudo-terminals, which Windows does not have: use it in WSL" in errors
 
 
-def test_simulated_port_is_recorded_without_posix(
-    tmp_path: Path, ordinary: Program, without_posix: Program
-) -> None:
+def test_simulated_port_is_recorded_without_posix(tmp_path: Path, without_posix: Program) -> None:
     """Rows, file and exit code are those of an ordinary run."""
     words = ("live", "sim://?seed=1&flip=0.01", "--plain", "--count", "300", "-o")
     recorded = []
-    for name, program in (("x.mcap", ordinary), ("y.mcap", without_posix)):
-        code, output, errors = run(program, tmp_path, *words, name)
+    without = partial(run, without_posix)
+    for name, program in (("x.mcap", ordinary), ("y.mcap", without)):
+        code, output, errors = program(tmp_path, *words, name)
         assert code == 0, errors
         assert output.count(b"\n") == 301
         assert errors.endswith(f"recorded to {name}\n".encode())
-        recorded.append(run(ordinary, tmp_path, "decode", name, "--format", "raw", "-o-")[:2])
+        recorded.append(ordinary(tmp_path, "decode", name, "--format", "raw", "-o-")[:2])
     assert recorded[0] == recorded[1]
 
 

@@ -256,7 +256,7 @@ class Source:
         if error is None:
             self._put_event(connection, PortEventKind.CLOSED, AS_ASKED)
         elif is_awaited:
-            detail = TranslatableText("{error}; waiting for it to come back", error=one_line(error))
+            detail = TranslatableText("{error}; waiting for it", error=one_line(error))
             self._put_event(connection, PortEventKind.LOST, detail)
         else:
             self._lose(connection, one_line(error), is_error=not isinstance(error, EOFError))
@@ -304,10 +304,11 @@ class Source:
 
     def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
         seconds = (self._clock.now_ns() - lost_ns) / 1e9
-        after = TranslatableText("after {seconds:.1f} s", seconds=seconds)
         if again.place in (None, again.names[0]):
-            return after
-        return TranslatableText("{after} as {port}", after=after, port=again.place)
+            return TranslatableText("after {seconds:.1f} s", seconds=seconds)
+        return TranslatableText(
+            "after {seconds:.1f} s as {port}", seconds=seconds, port=again.place
+        )
 
     def _read_until_lost(self, connection: Connection) -> BaseException | None:
         """Read all wires until the end is due (returns None) or one is lost (returns the error)."""

@@ -105,6 +105,6 @@ def _drain(session: LiveSession) -> None:
     is_reported = False
     while session.wait(WAIT_S).state.running:
         backlog = session.capture.backlog
-        if backlog is not None and not is_reported:
+        if session.capture.is_ending and backlog is not None and not is_reported:
             is_reported = True
             print_err(f"{backlog}; Ctrl-C drops them")

@@ -69,8 +69,10 @@ from fte_sniff.recording.skeletons import (
     at_every_byte,
 )
 
-BATCH: Final = 1280 * 1024
-"""Unpacked bytes of a batch, about; a larger chunk is one of its own: it is not copied."""
+BATCH: Final = 2 * 1024 * 1024
+"""Unpacked bytes of a batch, about."""
+_OWN: Final = 1024 * 1024
+"""Unpacked bytes from which on a chunk is a batch of its own: it is not copied."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
 _MOST_TOPICS: Final = 10
@@ -421,7 +423,7 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
     spans = zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
-    for _, own in groupby(spans, key=lambda span: (span[0] // BATCH, span[1] // BATCH)):
+    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[1] >= _OWN and span[0])):
         yield [one for *_, one in own]
 
 

@@ -114,8 +114,11 @@ class CaptureState:
 
     @property
     def backlog(self) -> TranslatableText | None:
-        """What the end waits for; None if nothing."""
-        if not self.is_ending or not (self.is_slow or self.waiting >= REPORTED_LEFTOVER):
+        """What is not written for a while, and what the end waits for; None if nothing."""
+        if self.is_slow:
+            slow = "the disk is slow: {what} are not written yet"
+            return TranslatableText(slow, what=self.remaining)
+        if not self.is_ending or self.waiting < REPORTED_LEFTOVER:
             return None
         return TranslatableText("still writing: {what} are not written yet", what=self.remaining)
 

@@ -142,7 +142,7 @@ class LiveSession(ItemFeed):
         Returns at once. The end states what is not in the recording.
         """
         self.stop()
-        if self.capture.backlog is not None:
+        if self.capture.is_ending and self.capture.backlog is not None:
             self._kill(_ENDED_EARLY)
 
     def close(self) -> None:

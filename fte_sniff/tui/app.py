@@ -505,10 +505,12 @@ class SniffApp(App[None]):
     def _report(self, before: str | None, *, ended: bool) -> None:
         """Show troubles of the recording, alerts, and the end of the feed; quit then if wanted."""
         state, status = self.view.state, self.status
-        if state.trouble and state.trouble != before:
-            status.warn(_(state.trouble), "recording")
-        elif not state.trouble:
-            status.forget("recording")
+        trouble, warns = state.trouble, status.warns("recording")
+        is_new = getattr(trouble, "form", trouble) != getattr(before, "form", before)
+        if trouble and trouble != before and (is_new or warns):
+            status.warn(_(trouble), "recording")
+        elif before and not trouble and warns:
+            status.warn(_("over: {text}", text=_(before)), "recording")
         if ended and status.asks:
             status.inform("")  # nothing is recorded any more
         if ended and self._options.leave_at_end:

@@ -156,7 +156,7 @@ class StatusLine(Static):
         self._update()
 
     def warn(self, text: str, topic: Hashable | None = None) -> None:
-        """Show a warning until esc."""
+        """Show a warning until esc: one line, and all of its text at the mouse."""
         self._warnings[topic or text] = printable(text)
         self._update()
 
@@ -210,10 +210,11 @@ class StatusLine(Static):
         line = self._numbers
         if is_warning:
             others = len(warnings) - 1
-            more = _("(esc: {count:,} more)", count=others) if others else ""
-            line = Text(f" ! {warnings[-1]} {more}".rstrip())
+            more = _(" (esc: {count:,} more)", count=others) if others else ""
+            line = Text(f" ! {fit(warnings[-1], self.size.width - 3 - cell_len(more))}{more}")
         elif text := self._answer or next(reversed(self._states.values()), ""):
             line = Text(f" i {text}")
         if line != self.content:
+            self.tooltip = warnings[-1] if is_warning else None
             is_one = line is self._numbers
             self.update(line, layout=not is_one or self.size.height != 1)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.compare_quality import CHANGES, Host, counts_of, halves, is_found, pair
+from benchmarks.compare_quality import CHANGES, Host, counts_of, halves, is_found
 from fte_sniff.analysis import statistics
 from fte_sniff.analysis.compare import MEASURES, Comparison, Number, compared, counted
 from fte_sniff.analysis.segments import Counts, added, summed
@@ -53,10 +53,18 @@ def test_halves_of_an_hour_are_alike() -> None:
     assert halves(np.random.default_rng(11), 1200).changes == []
 
 
+@cache
+def after_change(name: str) -> Comparison:
+    """Compare the host with itself after a change."""
+    host = Host(np.random.default_rng(1))
+    CHANGES[name][0](host)
+    return after(host.recording(np.random.default_rng(3)))
+
+
 @pytest.mark.parametrize("name", CHANGES)
 def test_injected_change_is_named(name: str) -> None:
-    change, measure, motor = CHANGES[name]
-    found = pair(3, change)
+    _, measure, motor = CHANGES[name]
+    found = after_change(name)
     assert is_found(found, measure, motor)
     assert found.changes[0].measure == measure
 
@@ -182,9 +190,7 @@ def test_motor_that_alone_changes_enough_is_not_named_alone(last: float, others:
 
 
 def test_three_motors_that_change_alike_are_one_change() -> None:
-    change, *_ = CHANGES["answers 20 % slower"]
-    found = pair(4, change)
-    delays = [one for one in found.changes if one.measure == "delay"]
+    delays = [one for one in after_change("answers 20 % slower").changes if one.measure == "delay"]
     assert [one.motor for one in delays] == [None]
     named, _, others = delays[0].text.partition("; likewise motors ")
     assert named.startswith("answers to speed "), "its motor is named"

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fte_sniff.analysis.check import RuleResult, parse_rule, verdict
@@ -20,6 +20,7 @@ from fte_sniff.protocol.rows import _LAYOUTS, Item, Row
 from fte_sniff.protocol.spec import KINDS, Direction, Fault, Status
 from tests.analysis.captures import MS, START, captures, frame, polled, table_of
 from tests.analysis.test_segments import tables
+from tests.examples import examples
 
 
 def stats_of(steps: list[Row | Item]) -> dict[str, Any]:
@@ -77,7 +78,7 @@ def oracle(steps: list[Row | Item]) -> pl.DataFrame:
     )
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(captures())
 def test_numbers_equal_a_plain_count(steps: list[Row | Item]) -> None:
     found = stats_of(steps)

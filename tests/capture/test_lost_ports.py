@@ -29,7 +29,7 @@ def test_adapter_is_found_ten_times_under_another_name(new_pty, adapter) -> None
             adapter.plug(other)
             found = seen.wait_for("found_again", number + 1)
             pty = other
-            assert lost.detail == "the other end has hung up; waiting for it to come back"
+            assert lost.detail == "the other end has hung up; waiting for it"
             assert found.detail.endswith(f" s as {pty.device}")
     assert seen.data() == b"0123456789"
     assert seen.times(adapter.name) == sorted(seen.times(adapter.name))

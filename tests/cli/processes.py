@@ -10,10 +10,11 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from fte_sniff.protocol.rows import Rows
+from fte_sniff.recording.reader import Recording
 from tests.beside import Process as Process
 from tests.cli.program import PROGRAM as PROGRAM
 from tests.cli.program import Program
-from tests.support.columns import read_rows
 from tests.waiting import BOUND_S, while_waiting
 from tests.waiting import wait_until as wait_until
 
@@ -122,4 +123,4 @@ def stderr_until(process: Process, *wanted: str) -> str:
 
 def rows_in(file: Path) -> int:
     """Rows of a recording."""
-    return sum(1 for _ in read_rows(file))
+    return sum(len(item) for item in Recording(file).items() if isinstance(item, Rows))

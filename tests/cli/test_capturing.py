@@ -110,7 +110,7 @@ def test_flood_holds_up_no_end(run, environment, tmp_path: Path) -> None:
             code, _, errors = ended(process)
     errors = shown + errors
     assert errors.count("not written yet") <= 1
-    rows = len(read_rows(recording))
+    rows = rows_in(recording)
     if code == 0:
         # All was written before the second signal came: then no row is missing.
         assert f"{rows:,} rows, " in errors
@@ -256,7 +256,7 @@ def recording_on_a_slow_disk(environment, folder: Path) -> Iterator[tuple[Proces
 def test_the_end_waits_for_a_slow_disk(run, environment, tmp_path: Path) -> None:
     with recording_on_a_slow_disk(environment, tmp_path) as (process, slow):
         process.send_signal(signal.SIGINT)
-        stderr_until(process, "still writing: ")
+        stderr_until(process, "the disk is slow: ")
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(END_WITHIN_S + 1)
         slow.unlink()
@@ -377,9 +377,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_oldest_file_makes_room_on_a_full_disk_where_the_newest_are_kept(
     environment, tmp_path: Path
 ) -> None:
-    options = ("--max-size", "10MB", "--rotate", "30kB", "--min-free", "0")
+    options = ("--max-size", "10MB", "--rotate", "15kB", "--min-free", "0")
     with (
-        mounted(tmp_path / "small", "size=256k") as disk,
+        mounted(tmp_path / "small", "size=128k") as disk,
         started(environment, disk, "live", SIM, "-o", "x.mcap", *options) as process,
     ):
         stderr_until(process, "recording stopped: the disk is full")

@@ -24,9 +24,8 @@ SHELLS = {
 """How each shell is started without the user's settings, and how it loads the script."""
 
 TYPED = (
-    ("fte-sniff enc\treset\n", "AA 00 00 00 00 00 00 00 00 EE"),
     ("fte-sniff decode sub\tin\t--forma\tcsv --filter mecan\t\n", ",mecanum,"),
-    ("fte-sniff live si\t --plain --no-record --count 1\n", "1 row"),
+    ("fte-sniff liv\tsi\t --plain --no-record --count 1\n", "1 row"),
 )
 """What is typed, with tabs, and what it prints if each tab completes the word."""
 

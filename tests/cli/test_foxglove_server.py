@@ -70,9 +70,8 @@ def server() -> Iterator[Any]:
 
 
 def viewer_at(address: str, **options: Any) -> Any:
-    return sync_client.connect(
-        address, subprotocols=foxglove.SUBPROTOCOLS[:1], open_timeout=BOUND_S, **options
-    )
+    options |= {"open_timeout": BOUND_S, "close_timeout": 1}
+    return sync_client.connect(address, subprotocols=foxglove.SUBPROTOCOLS[:1], **options)
 
 
 def address_in(text: str) -> str:

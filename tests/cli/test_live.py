@@ -198,7 +198,7 @@ def test_a_lost_port_is_waited_for_and_found_again(
         # What the system has not handed over yet goes with the line; so wait until all is read.
         until(process, b"rpm=1000")
         adapter.pull()
-        assert "waiting for it to come back" in stderr_until(process, "adapter lost: ")
+        assert "waiting for it" in stderr_until(process, "adapter lost: ")
         device = adapter.plug()
         assert f"s as {device}" in stderr_until(process, "adapter found again: after ")
         os.write(adapter.far, FRAME[6:] + SPEED * 3)

@@ -9,14 +9,18 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from mcap.reader import make_reader
 
+from tests.beside import Process
 from tests.cli.conftest import ROOT
-from tests.cli.program import Program
+from tests.cli.program import plain_environment
 from tests.needs import needs
 
 CHANGES = {
@@ -65,16 +69,29 @@ KIND_BY_NAME: Mapping""",
 COUNT = 600
 
 
+COMMANDS = """
+import json, os, sys
+from pathlib import Path
+from tests.in_process import call
+
+commands, ended = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w")
+for line in commands:
+    code, output, errors = call(json.loads(line), b"", Path.cwd(), dict(os.environ))
+    print(json.dumps([code, output.decode(), errors.decode()]), file=ended, flush=True)
+"""
+"""One command after the other, without the start of a process for each."""
+
+
 class Other(NamedTuple):
     """The other program, and its folder with a recording of its simulated line."""
 
     folder: Path
-    program: Program
+    process: Process
 
 
 @pytest.fixture(scope="module")
 @needs("program")
-def other(tmp_path_factory: pytest.TempPathFactory) -> Other:
+def other(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Other]:
     """The other program."""
     folder = tmp_path_factory.mktemp("other")
     ignored = shutil.ignore_patterns("*.so", "*.pyd")
@@ -86,22 +103,30 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Other:
         source = source.replace(old, new)
     spec.write_text(source)
     port = "sim://?seed=1&rate=400&drop=0.02&flip=0.02&noise=0.02"
-    other = Other(folder, Program())
-    run(other, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
-    return other
+    command, pipe = [sys.executable, "-c", COMMANDS], subprocess.PIPE
+    with subprocess.Popen(
+        command, cwd=folder, env=environment(folder), stdin=pipe, stdout=pipe
+    ) as process:
+        other = Other(folder, process)
+        run(other, "live", port, "--headless", "--count", str(COUNT), "-o", "line.mcap")
+        yield other
 
 
 def environment(folder: Path) -> dict[str, str]:
-    kept = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "COLUMNS")}
     paths = {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "XDG_STATE_HOME": str(folder / "state")}
     settings = {"FTE_SNIFF_CONFIG": str(folder / "config.toml")}
-    return kept | paths | settings | {"TERM": "xterm-256color", "LANG": "C.UTF-8"}
+    return plain_environment() | paths | settings
 
 
 def run(other: Other, *arguments: str) -> str:
-    ended = other.program.run([*arguments], b"", other.folder, environment(other.folder))
-    assert ended.code == 0, ended.errors
-    return ended.output.decode()
+    commands, ended = other.process.stdin, other.process.stdout
+    assert commands is not None
+    assert ended is not None
+    commands.write(json.dumps(arguments).encode() + b"\n")
+    commands.flush()
+    code, output, errors = json.loads(ended.readline())
+    assert code == 0, errors
+    return str(output)
 
 
 def test_a_frame_is_encoded_and_decoded(other: Other) -> None:

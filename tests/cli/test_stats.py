@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ from fte_sniff.protocol.items import PortEvent, PortEventKind
 from fte_sniff.protocol.spec import KIND_BY_NAME, encode
 from fte_sniff.recording.metadata import PortFacts
 from tests.cli.conftest import ROOT
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.support.columns import rows_from
 from tests.support.recorded_rows import write_recording
@@ -86,16 +85,15 @@ def test_an_empty_recording_explains_itself(run, tmp_path: Path) -> None:
     assert "none of its rows is between" in between.stderr
 
 
-def test_other_processes_read_logs_in_the_same_zone(tmp_path: Path) -> None:
+def test_other_processes_read_logs_in_the_same_zone(run, variables, tmp_path: Path) -> None:
     for name in ("a.txt", "b.txt"):
         lines = [f"2026-01-31 12:00:0{at}.000 AA 01 01 03 E8 00 00 00 00 EE" for at in range(9)]
         (tmp_path / name).write_text("\n".join(lines))
-    command = [sys.executable, "-m", "fte_sniff", "stats", "a.txt", "b.txt", "--format", "json"]
-    options = ["--zone", "+08:00", "--from", "2026-01-31T12:00:03"]
-    here, elsewhere = (
-        json.loads(subprocess.check_output([*command, *options, *more], cwd=tmp_path))
-        for more in ([], ["--jobs", "2"])
-    )
+    command = ("stats", "a.txt", "b.txt", "--format", "json", "--zone", "+08:00")
+    options = ("--from", "2026-01-31T12:00:03")
+    here = json.loads(run(*command, *options).stdout)
+    others = Program().run([*command, *options, "--jobs", "2"], b"", tmp_path, variables)
+    elsewhere = json.loads(others.output)
     assert here == elsewhere
     assert (here["rows"], here["first_time"]) == (12, "2026-01-31T04:00:03.000000000Z")
 

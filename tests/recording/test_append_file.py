@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import signal
@@ -17,9 +18,9 @@ from fte_sniff.errors import FileError
 from fte_sniff.protocol.rows import Row
 from fte_sniff.recording import writer as writer_module
 from fte_sniff.recording.reader import Recording
-from fte_sniff.recording.writer import RecordingWriter
+from fte_sniff.recording.writer import END, RecordingWriter
 from tests.recording.conftest import file_size_limit
-from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, some_rows
+from tests.recording.samples import BOTH, FACTS, FIRST, flush_each, rows_in, rows_of, some_rows
 from tests.support.columns import rows_from
 from tests.support.recording_kill import kill_one
 
@@ -100,8 +101,8 @@ def test_a_power_cut_between_any_writes_costs_at_most_the_last_flush(
 
 @pytest.mark.program
 def test_a_kill_at_any_time_leaves_a_file_that_opens_with_all_flushed_rows(tmp_path: Path) -> None:
-    for number in range(10):
-        left = kill_one(tmp_path / f"{number}.mcap", 0, number / 20, after_rows=number * 7)
+    for number in range(6):
+        left = kill_one(tmp_path / f"{number}.mcap", 0, number / 12, after_rows=number * 12)
         assert (left.problem, left.missing) == ("", 0)
 
 
@@ -132,6 +133,37 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path) -> None:
         signal.signal(signal.SIGXFSZ, handler)
     writer.output.close()
     assert rows_in(path) == rows[:60]
+
+
+@pytest.mark.parametrize("written", range(4))
+@pytest.mark.parametrize("share", [0, 0.5, 0.9])
+def test_bytes_of_a_refused_chunk_that_stay_behind_the_end_are_not_read(
+    written: int, share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk takes some writes of a chunk, then a share of one, and does not cut off the file."""
+    path, rows, write_at = tmp_path / "x.mcap", some_rows(600, BOTH), writer_module.write_at
+    writer = RecordingWriter(path, BOTH, FACTS)
+    flush_each(writer, rows[:60], 60)
+    given: list[int] = []
+
+    def refuse(*_call: object) -> int:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    def write_some(descriptor: int, data: bytes | memoryview, offset: int) -> int:
+        given.append(offset)
+        if len(given) != written + 1 or written == 3:
+            return write_at(descriptor, data, offset)
+        write_at(descriptor, data[: int(share * len(data))], offset)
+        return refuse()
+
+    monkeypatch.setattr(writer_module, "write_at", write_some)
+    monkeypatch.setattr(os, "ftruncate", refuse)
+    assert "Input/output error" in refused(writer, rows[60:])
+    content, recording = path.read_bytes(), Recording(path)
+    assert content[writer.size :].startswith(END)
+    assert rows_of(recording.items()) == rows[:60]
+    assert recording.losses == []
+    assert messages_in(content, NonSeekingReader) == 60
 
 
 @pytest.mark.parametrize(

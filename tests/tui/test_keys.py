@@ -31,7 +31,7 @@ KEYS = sorted({key for one in COMMANDS.values() for key in one.keys.split(",") i
 MODES = ("M", "f", "", "T", "i", "exclamation_mark", "question_mark", "space", "tab", "v", "x", "C")
 
 
-PARTS = 8
+PARTS = len(MODES)
 """Into which the keys are divided, as all of them take longer than a test may on a busy machine."""
 
 
@@ -43,8 +43,7 @@ def test_every_key_in_every_mode_leaves_the_keys_with_one_part(
 
     async def scenario(app: SniffApp) -> None:
         for key in KEYS[part::PARTS]:
-            await press(app, mode)
-            await press(app, key)
+            await press(app, f"{mode} {key}")
             focused = app.screen_stack[0].focused
             if app.line.question is not None:
                 assert focused is app.line.input, key

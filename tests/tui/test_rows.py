@@ -65,43 +65,38 @@ def test_a_pause_freezes_the_view(feed: ListFeed) -> None:
     play(feed, scenario)
 
 
-@pytest.mark.parametrize(
-    ("goal", "cursor"),
-    [
-        ("1200", 1199),
-        ("50%", 1000),
-        ("12:00:00.5", 500),
-        ("+100ms", 1100),
-        ("@8190", 819),
-        ("2026-01-31T12:00:01Z", 1000),
-    ],
-)
-def test_go_to_a_row(feed: ListFeed, goal: str, cursor: int) -> None:
+def test_go_to_a_row(feed: ListFeed) -> None:
     feed.give(speed_rows(2001))
 
     async def scenario(app: SniffApp) -> None:
-        await press(app, f"colon '1001' enter colon '{goal}' enter")
-        assert app.table.viewport.cursor == cursor
+        for goal, cursor in (
+            ("1200", 1199),
+            ("50%", 1000),
+            ("12:00:00.5", 500),
+            ("+100ms", 600),
+            ("@8190", 819),
+            ("2026-01-31T12:00:01Z", 1000),
+        ):
+            await press(app, f"colon '{goal}' enter")
+            assert app.table.viewport.cursor == cursor, goal
 
     play(feed, scenario)
 
 
-@pytest.mark.parametrize(
-    ("goal", "says"),
-    [
-        ("9999", "row 9,999 does not exist"),
-        ("13:00", "is after the last row (12:00:00.008)"),
-        ("11:00", "is before the first row"),
-        ("@99999", "no row that is shown has byte 99,999"),
-        ("soon", "soon is not a row (1200), a share (50%)"),
-    ],
-)
-def test_where_there_is_nothing_to_go_to_is_said(feed: ListFeed, goal: str, says: str) -> None:
+def test_where_there_is_nothing_to_go_to_is_said(feed: ListFeed) -> None:
     feed.give(speed_rows(9))
 
     async def scenario(app: SniffApp) -> None:
-        await press(app, f"g colon '{goal}' enter")
-        assert says in " ".join(page(app).split())
+        for goal, says in (
+            ("9999", "row 9,999 does not exist"),
+            ("13:00", "is after the last row (12:00:00.008)"),
+            ("11:00", "is before the first row"),
+            ("@99999", "no row that is shown has byte 99,999"),
+            ("soon", "soon is not a row (1200), a share (50%)"),
+        ):
+            await press(app, f"g colon '{goal}' enter")
+            assert says in " ".join(page(app).split())
+            await press(app, "escape")
 
     play(feed, scenario, (140, 24))
 
@@ -315,7 +310,7 @@ def test_random_sizes_leave_the_cursor_in_the_window(feed: ListFeed) -> None:
 
     async def scenario(app: SniffApp) -> None:
         await press(app, "colon '250' enter")
-        for number in range(20):
+        for number in range(10):
             await press(app, ("M", "i", "T", "escape", "space")[number % 5])
             size = dice.randrange(20, 210), dice.randrange(5, 70)
             await resize(app, *size)

@@ -15,7 +15,18 @@ from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette
 from fte_sniff.tui.terminal import TimedOutput
-from tests.tui.conftest import NOON_NS, PORT, ListFeed, page, play, press, settle, speed_rows, until
+from tests.tui.conftest import (
+    NOON_NS,
+    PORT,
+    ListFeed,
+    lines,
+    page,
+    play,
+    press,
+    settle,
+    speed_rows,
+    until,
+)
 from tests.waiting import BOUND_S, wait_until
 
 
@@ -85,6 +96,13 @@ def test_a_lost_port_stays_in_the_status_line_until_esc_also_when_it_is_back(
         assert "! 12:00:00.000  /dev/ttyUSB0 found again" in page(app)
         await press(app, "escape")
         assert "! 12:00" not in page(app)
+        for port, why in (("a", "gone; " * 30), ("b", "gone; " * 30)):
+            feed.emit(PortEvent(NOON_NS, port, PortEventKind.LOST, why))
+        await settle(app)
+        (line,) = (one for one in lines(app) if one.startswith(" ! "))
+        assert line.rstrip().endswith("gone… (esc: 1 more)")
+        assert app.status.size.height == 1
+        assert "gone; " * 29 + "gone" in str(app.status.tooltip)
 
     play(feed, scenario)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Sequence
 
-import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from fte_sniff.tui.app import SniffApp
+from tests.examples import examples
 from tests.tui.conftest import CHARACTERS, ListFeed, lines, noise, play, press, settle, speed_rows
 from tests.waiting import BOUND_S
 
@@ -45,30 +45,28 @@ def shown_after(keys: Sequence[str], *, at_once: bool) -> tuple[list[str], objec
     return found, (app.filters.current, app.table.viewport.cursor, app.pane.page is None)
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(14, suppress_health_check=list(HealthCheck))
 @given(st.lists(st.sampled_from(KEYS), min_size=2, max_size=9))
 def test_keys_at_once_do_what_they_do_slowly(keys: list[str]) -> None:
     assert shown_after(keys, at_once=True) == shown_after(keys, at_once=False)
 
 
-@pytest.mark.parametrize(
-    ("keys", "filtered"),
-    [
-        ("C enter f 'motor = 1' enter", "motor = 1"),
-        ("question_mark escape f 'motor = 1' enter", "motor = 1"),
-        ("f 'motor = 2' enter f ctrl+u 'motor = 3' enter M", "motor = 3"),
-        ("slash 'speed' enter f 'motor = 4' enter", "motor = 4"),
-        ("f 'moter' enter ctrl+u 'motor = 1' enter", "motor = 1"),
-        ("ctrl+p escape f 'motor = 1' enter", "motor = 1"),
-        ("f 'motor = 1' enter F f 'motor = 2' escape", ""),
-    ],
-)
-def test_a_line_that_is_typed_ahead_arrives_whole(feed: ListFeed, keys: str, filtered: str) -> None:
+def test_a_line_that_is_typed_ahead_arrives_whole(feed: ListFeed) -> None:
     feed.give(speed_rows(40))
 
     async def scenario(app: SniffApp) -> None:
-        await press(app, keys)
-        assert app.filters.current == filtered
+        for keys, filtered in (
+            ("C enter f 'motor = 1' enter", "motor = 1"),
+            ("question_mark escape f 'motor = 1' enter", "motor = 1"),
+            ("f 'motor = 2' enter f ctrl+u 'motor = 3' enter M", "motor = 3"),
+            ("slash 'speed' enter f 'motor = 4' enter", "motor = 4"),
+            ("f 'moter' enter ctrl+u 'motor = 1' enter", "motor = 1"),
+            ("ctrl+p escape f 'motor = 1' enter", "motor = 1"),
+            ("f 'motor = 1' enter F f 'motor = 2' escape", ""),
+        ):
+            await press(app, keys)
+            assert app.filters.current == filtered, keys
+            await press(app, "escape escape F")
 
     play(feed, scenario)
 

@@ -224,7 +224,6 @@ LARGEST = {
     "divisors": "1 / (" * 24 + "rpm" + ")" * 24 + " = 1",
     "nulls": "(" * 24 + "rpm = 1" + ") IS TRUE" * 24,
     "functions": "coalesce(abs(" * 8 + "rpm" + "), 1)" * 8 + " = 1",
-    "list": f"({' + '.join(['rpm'] * 100)}) IN ({', '.join(['1'] * 100)})",
     "list of sums": f"({' + '.join(['rpm'] * 60)}) IN ({', '.join(['motor'] * 230)})",
     "chain": " OR ".join(["motor = 1"] * 150),
 }
