@@ -60,7 +60,7 @@ from fte_sniff.tui.view import Span, View
 TICK_S: Final = 0.03
 """Time between two polls of the feed while nothing comes."""
 
-PAUSE_S: Final = 0.12
+PAUSE_S: Final = 0.16
 """Time from the drawing of rows to the next poll: they come at most six times a second."""
 
 FIRST_S: Final = 0.3
