@@ -167,6 +167,14 @@ def test_command_that_needs_a_pseudo_terminal_names_another_way(
     assert b"pseudo-terminals, which Windows does not have: use it in WSL" in errors
 
 
+def test_port_that_cannot_be_shared_is_named(
+    tmp_path: Path, without_posix: Program, pty: Pty
+) -> None:
+    code, output, errors = run(without_posix, tmp_path, "live", "--share", pty.device, "--headless")
+    assert (code, output, errors.count(b"\n")) == (2, b"", 1)
+    assert b"cannot be shared: only devices can, not on Windows" in errors
+
+
 def test_simulated_port_is_recorded_without_posix(tmp_path: Path, without_posix: Program) -> None:
     """Rows, file and exit code are those of an ordinary run."""
     words = ("live", "sim://?seed=1&flip=0.01", "--plain", "--count", "300", "-o")

@@ -113,7 +113,9 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
 def _unopened(name: str, settings: PortSettings) -> serial.Serial:
     if settings.share:
         if "://" in name or not POSIX:
-            raise UsageError(f"{printable(name)} cannot be shared: only a device can; see --share")
+            raise UsageError(
+                f"{printable(name)} cannot be shared: only devices can, not on Windows"
+            )
         port: serial.Serial = SharedSerial()
         port.port, port.timeout = name, READ_TIMEOUT_S
         return port

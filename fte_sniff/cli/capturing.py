@@ -319,7 +319,7 @@ def run_capture(
 
 _EXPECTED_EVENTS = frozenset({PortEventKind.OPENED, PortEventKind.CLOSED})
 _SELF_EXPLAINED = (PortEventKind.SHARED, PortEventKind.SILENT, PortEventKind.BYTES_AGAIN)
-_WORDS = dict.fromkeys(_SELF_EXPLAINED, "") | {PortEventKind.WIRING: " note"}
+_WORDS = dict.fromkeys(_SELF_EXPLAINED, "") | {PortEventKind.WIRING: later(" note")}
 """What is printed of a kind of event, if not the kind: some details name what happened."""
 
 
@@ -351,8 +351,8 @@ class CaptureReport(Observer):
         self._is_wrong |= bool(rows.faults.any() or rows.field(NAME_OF_ROLE[Role.ERRORS])[0].any())
         for event in update.events if self._intro is not None else ():
             if event.kind not in _EXPECTED_EVENTS:
-                kind = _WORDS.get(event.kind, f" {event.kind.replace('_', ' ')}")
-                print_err(f"{event.port}{kind}{event.detail and f': {event.detail}'}")
+                kind = _WORDS.get(event.kind, f" {_(event.kind.replace('_', ' '))}")
+                print_err(f"{event.port}{_(kind)}{event.detail and f': {event.detail}'}")
         self._print_news(session.capture)
 
     def _print_news(self, state: CaptureState) -> None:

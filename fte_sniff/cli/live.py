@@ -83,7 +83,7 @@ def command(
     if pid is not None and not attach:
         raise UsageError("--pid works with --attach; add it")
     if attach and (sys.platform != "linux" or len(ports) > 1 or "://" in ports[0]):
-        raise UsageError("--attach takes one device, on Linux; try `fte-sniff bridge PORT`")
+        raise UsageError("--attach takes one device, on Linux; use a tap for others, or `bridge`")
     if attach and share:
         raise UsageError("--attach does not open PORT, so there is nothing to share: leave one out")
 

@@ -51,8 +51,9 @@ ok, warn, bad = (partial(Diagnosis, level) for level in Level)
 
 
 PLUG_IN = (
-    "plug the adapter in, and see `sudo dmesg | tail`: brltty takes some away (sudo apt remove"
-    " brltty), and a container, WSL or a virtual machine needs it passed through"
+    "plug the adapter in, and see `sudo dmesg | tail`, or the Device Manager of Windows: brltty"
+    " takes some away (sudo apt remove brltty), and a container, WSL or a virtual machine needs it"
+    " passed through"
 )
 """What to do where a machine does not see an adapter."""
 
