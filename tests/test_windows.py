@@ -172,7 +172,7 @@ def test_port_that_cannot_be_shared_is_named(
 ) -> None:
     code, output, errors = run(without_posix, tmp_path, "live", "--share", pty.device, "--headless")
     assert (code, output, errors.count(b"\n")) == (2, b"", 1)
-    assert b"cannot be shared: only devices can, not on Windows" in errors
+    assert b"cannot be shared: URLs and Windows ports cannot" in errors
 
 
 def test_simulated_port_is_recorded_without_posix(tmp_path: Path, without_posix: Program) -> None:

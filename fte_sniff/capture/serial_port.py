@@ -113,9 +113,7 @@ def open_port(name: str, settings: PortSettings = DEFAULT_SETTINGS) -> serial.Se
 def _unopened(name: str, settings: PortSettings) -> serial.Serial:
     if settings.share:
         if "://" in name or not POSIX:
-            raise UsageError(
-                f"{printable(name)} cannot be shared: only devices can, not on Windows"
-            )
+            raise UsageError(f"{printable(name)} cannot be shared: URLs and Windows ports cannot")
         port: serial.Serial = SharedSerial()
         port.port, port.timeout = name, READ_TIMEOUT_S
         return port
