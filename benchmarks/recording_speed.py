@@ -201,6 +201,7 @@ def compare(frames: int, rounds: int, flush: int, folder: Path) -> None:
     work: dict[str, Callable[[], Cost]] = {
         "read columns": lambda: cost(lambda: read_columns(path), frames),
         "read live file": lambda: cost(lambda: read_columns(live), flushed),
+        "walk live file": lambda: cost(lambda: Recording(live, is_growing=True), flushed),
         "iter_messages": lambda: cost(lambda: read_messages(few), part),
         "read damaged": lambda: cost(lambda: read_columns(hurt), frames),
         "iter damaged": lambda: cost(lambda: read_messages(few_hurt), part),

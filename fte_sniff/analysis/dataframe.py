@@ -21,22 +21,19 @@ from fte_sniff.errors import encodable
 from fte_sniff.protocol.columns import COLUMNS, PREVIOUS, Column, ColumnType
 from fte_sniff.protocol.rows import Array, Bools, Rows
 
-_OF_TYPE: Final = {
-    ColumnType.TIME: pl.Datetime("ns", "UTC"),
-    ColumnType.REAL: pl.Float64(),
-    ColumnType.BOOL: pl.Boolean(),
-}
-"""Other columns have words, whole numbers or texts."""
-
 
 def column_dtype(column: Column) -> pl.DataType:
     """The polars type of a column's values, as narrow as the values allow."""
-    if column.type is ColumnType.INT:
-        found: pl.DataType = getattr(pl, column.integer)()
-        return found
     words = pl.Enum([str(word) for word in column.words])
-    of_words = {ColumnType.WORD: words, ColumnType.WORDS: pl.List(words)}
-    return of_words.get(column.type) or _OF_TYPE.get(column.type, pl.String())
+    types: dict[ColumnType, pl.DataType] = {
+        ColumnType.TIME: pl.Datetime("ns", "UTC"),
+        ColumnType.REAL: pl.Float64(),
+        ColumnType.BOOL: pl.Boolean(),
+        ColumnType.INT: getattr(pl, column.integer)(),
+        ColumnType.WORD: words,
+        ColumnType.WORDS: pl.List(words),
+    }
+    return types.get(column.type, pl.String())
 
 
 TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
@@ -71,10 +68,16 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     return pl.Series(words, dtype=dtype).gather(pl.Series(values.astype(np.uint32)))
 
 
+_DIGITS: Final = np.frombuffer(bytes(range(256)).hex().upper().encode(), np.uint16)
+"""By byte, its two hex digits."""
+
+
 def _raw(rows: Rows) -> pl.Series:
     width = int(rows.length.max(initial=1))
-    whole = pl.Series(np.ascontiguousarray(rows.raw[:, :width]), dtype=pl.Array(pl.UInt8(), width))
-    texts = whole.cast(pl.List(pl.UInt8())).cast(pl.Binary()).bin.encode("hex").str.to_uppercase()
+    digits = _DIGITS.take(rows.raw[:, :width]).view(np.uint8)
+    texts = pl.Series(digits).cast(pl.List(pl.UInt8())).cast(pl.Binary()).cast(pl.String())
+    if (rows.length == width).all():
+        return texts
     return texts.str.head(pl.Series(2 * rows.length.astype(np.int64)))
 
 

@@ -56,7 +56,7 @@ from fte_sniff.protocol.items import PortEventKind
 from fte_sniff.protocol.spec import DEFAULT_BAUD, NAME_OF_ROLE, Role
 from fte_sniff.recording.output_file import Existing
 from fte_sniff.recording.recorder import DEFAULT_FREE_BYTES, RecordingOptions
-from fte_sniff.session.save import text_writer
+from fte_sniff.session.save import ExportSource, text_writer
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
@@ -272,13 +272,9 @@ def run_capture(
     ):
         printed = OutputFormat(given.form or ("csv" if given.columns else "table"))
         check_columns(given.columns, printed)
-        write = text_writer(
-            printed,
-            sys.stdout,
-            ports=len(plan.wiring.names) > 1,
-            columns=given.columns or ALL_COLUMNS,
-            zone=zone or UTC,
-        )
+        columns = given.columns or ALL_COLUMNS
+        source = ExportSource(plan.wiring.names, columns=columns, zone=zone or UTC)
+        write = text_writer(printed, sys.stdout, source)
         observers += [
             CaptureReport(plan, zone, later("recording to {path}")),
             PlainLines(plan, wanted, given.alert, write),

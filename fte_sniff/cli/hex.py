@@ -18,7 +18,7 @@ from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.rows import Rows
 from fte_sniff.session.framing import rows_of_chunks
-from fte_sniff.session.save import text_writer
+from fte_sniff.session.save import ExportSource, text_writer
 
 PORT_NAME = "hex"
 
@@ -37,7 +37,7 @@ def command(text: tuple[str, ...], form: str | None) -> None:
     fte-sniff hex AA 02 02 03 E8 00 00 27 10 EE
     fte-sniff hex "0x55,0x01,0x01,0x03,0xE8,0x00,0x00,0x00,0x0F,0xEE" --format jsonl
     """
-    write = text_writer(OutputFormat(form) if form else None, sys.stdout, ports=False)
+    write = text_writer(OutputFormat(form) if form else None, sys.stdout, ExportSource())
     notes: list[str] = []
     try:
         for rows in _rows_of(text, notes):

@@ -41,12 +41,14 @@ LARGEST: Final = 64 * 1024 * 1024
 _CHUNK_HEAD: Final = struct.Struct("<QQQII")
 _INDEX: Final = struct.Struct("<QQQQ")
 """The times, the offset and the length of a chunk, with which its index begins."""
-_SIZE: Final = struct.Struct("<Q")
 _FOOTER: Final = struct.Struct("<BQQQI")
 _MARK: Final = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 _MARK_OFFSET: Final = HEAD.size + _CHUNK_HEAD.size - 4
 _CHUNK_START: Final = HEAD.size + _CHUNK_HEAD.size + 16
 """Bytes of a chunk record up to the packed records, at most."""
+_INDEX_HEAD: Final = struct.Struct("<BQHI")
+"""The head of a message index: its channel, and the bytes of its entries."""
+_NEAR: Final = 8 * 1024
 _BLOCK: Final = 64 * 1024
 _FIRST_PRIVATE: Final = 0x80
 _OPCODES: Final = frozenset(map(int, Opcode))
@@ -158,27 +160,28 @@ def _indexed(stream: BinaryIO) -> Contents | None:
         for opcode, at, to in records_in(summary):
             if opcode == Opcode.CHUNK_INDEX:  # one for each flush, so it is read in one step
                 first_ns, last_ns, offset, length = _INDEX.unpack_from(summary, at + HEAD.size)
-                (size,) = _SIZE.unpack_from(summary, to - _SIZE.size)
+                size = int.from_bytes(summary[to - 8 : to], "little")
                 found.chunks.append(ChunkRef(offset, offset + length, first_ns, last_ns, size))
             elif not found.define(opcode, summary[at + HEAD.size : to]):
                 return None
+        return found if _fits(file, found) else None
     except (DamagedError, struct.error):
         return None
-    return found if _fits(file, found) else None
 
 
 def _fits(file: _Bytes, found: Contents) -> bool:
-    """Whether a file has what its summary lists; reads the header and the metadata."""
+    """Whether a file has what its summary lists; reads the header and the metadata.
+
+    Raises struct.error if it lists a chunk of a negative length.
+    """
     for at in (len(MAGIC), *found.listed):
         head = _head_at(file, at)
         if head is None or not found.define(head[0], file.read(at, head[1])[HEAD.size :]):
             return False
     # Bytes that were removed and inserted between may have shifted chunks.
     for one in found.chunks:
-        inner = one.start + HEAD.size
-        if not inner <= one.stop <= file.size:
-            return False
-        if HEAD.unpack(file.read(one.start, inner)) != (Opcode.CHUNK, one.stop - inner):
+        own = HEAD.pack(Opcode.CHUNK, one.stop - one.start - HEAD.size)
+        if one.stop > file.size or file.read(one.start, one.start + HEAD.size) != own:
             return False
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
@@ -209,14 +212,14 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
             before, is_ended = at - 1, at == file.size
             continue
         opcode, stop = head
+        before = at if opcode in _CHECKED else before
         if opcode == Opcode.CHUNK:
             inner = file.read(at + HEAD.size, at + _CHUNK_START)
             first_ns, last_ns, size, *_ = _CHUNK_HEAD.unpack_from(inner)
             found.chunks.append(ChunkRef(at, stop, first_ns, last_ns, size))
+            before, stop = _indexes_behind(file, at, stop)
         elif opcode == Opcode.MESSAGE:
             found.messages.append((at, stop))
-        if opcode in _CHECKED:
-            before = at
         at = stop
         if opcode == Opcode.FOOTER:
             is_ended = True
@@ -228,6 +231,21 @@ def walk(stream: BinaryIO, first: int = 0, *, is_growing: bool = False) -> Conte
     if not is_ended:
         found.lost.add(LostBytes(file.size, file.size, _END_LOST))
     return found
+
+
+def _indexes_behind(file: _Bytes, before: int, at: int) -> tuple[int, int]:
+    """The start and the end of the last of the small message indexes behind a record, or its own.
+
+    A chunk of 50 ms has dozens of them, so they are read together.
+    """
+    data, start = file.read(at, at + _NEAR), 0
+    while start + _INDEX_HEAD.size <= len(data):
+        opcode, length, _, size = _INDEX_HEAD.unpack_from(data, start)
+        stop = start + HEAD.size + length
+        if opcode != Opcode.MESSAGE_INDEX or length != size + 6 or stop > len(data):
+            break
+        before, start = at + start, stop
+    return before, at + start
 
 
 def _record_at(file: _Bytes, at: int, found: Contents) -> tuple[int, int] | None:
@@ -294,10 +312,9 @@ def _head_at(file: _Bytes, at: int) -> tuple[int, int] | None:
         return None
     if opcode == Opcode.FOOTER and file.read(stop, stop + len(MAGIC)) != MAGIC:
         return None
-    if opcode == Opcode.MESSAGE_INDEX:
-        own = struct.unpack_from("<I", start, HEAD.size + 2)[0] if length >= 6 else None
-        if own != length - 6:
-            return None
+    size = int.from_bytes(start[HEAD.size + 2 : _INDEX_HEAD.size], "little")
+    if opcode == Opcode.MESSAGE_INDEX and length != size + 6:
+        return None
     return opcode, stop
 
 
@@ -314,7 +331,7 @@ def _chunk_length(start: bytes) -> int | None:
 def _next_chunk(file: _Bytes, start: int, end: int) -> int:
     """The next whole chunk that begins at `start` or later, and before `end`; `end` without one."""
     for block in range(start, end, _BLOCK):
-        data = file.read(block, block + _BLOCK + _CHUNK_START)
+        data = file.read(block, min(block + _BLOCK, end) + _CHUNK_START)
         for mark in _MARK.finditer(data):
             at = block + mark.start() - _MARK_OFFSET
             if start <= at < end and (head := _head_at(file, at)) and head[0] == Opcode.CHUNK:

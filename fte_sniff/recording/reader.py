@@ -71,8 +71,8 @@ from fte_sniff.recording.skeletons import (
 
 BATCH: Final = 2 * 1024 * 1024
 """Unpacked bytes of a batch, about."""
-_OWN: Final = 1024 * 1024
-"""Unpacked bytes from which on a chunk is a batch of its own: it is not copied."""
+_OWN: Final = BATCH // 2
+"""Unpacked bytes of the largest chunk that shares a batch, for which it is copied."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
 _MOST_TOPICS: Final = 10
@@ -222,14 +222,9 @@ class Recording:
         starts = {one.start for one in within}
         lost = {one for one in self.contents.lost if one.start not in starts}
         lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
-        groups = [*_groups(sorted([*within, *lost], key=lambda one: one.start))]
         jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
         with ThreadPoolExecutor(1) as threads, self._open() as file:
-            if len(groups) == 1:  # the new chunks of a file that grows; a thread takes longer
-                unpacked = _unpacked(file.fileno(), groups[0])
-                yield from span.within(self._items_of(groups[0], unpacked))
-                return
-            for group in groups:
+            for group in _groups(sorted([*within, *lost], key=lambda one: one.start)):
                 jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
                 if len(jobs) > _AHEAD:
                     own, job = jobs.popleft()
@@ -428,7 +423,7 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
     spans = zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
-    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[1] >= _OWN and span[0])):
+    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[0] * (span[1] > _OWN))):
         yield [one for *_, one in own]
 
 
@@ -468,16 +463,15 @@ def _tiled(records: bytes) -> Messages | None:
     if len(records) > _MOST_SCANNED:
         return None
     smallest = MESSAGE_HEAD - HEAD.size
-    values = np.frombuffer(records, np.uint8)[: max(0, len(records) - smallest)]
-    starts = np.flatnonzero(values == int(Opcode.MESSAGE))  # an enum costs numpy another type
-    sizes = at_every_byte(records, 8)[starts + 1].view("<i8")
-    seem = np.flatnonzero((sizes >= smallest) & (sizes < LONGEST))
-    starts = starts[seem]
-    stops = starts + sizes[seem] + HEAD.size
     with suppress(DamagedError, StopIteration):
         first = next(at for code, at, _ in records_in(records) if code == Opcode.MESSAGE)
-        before = int(starts.searchsorted(first))
-        starts, stops = starts[before:], stops[before:]
+        values = np.frombuffer(records, np.uint8)[first : max(first, len(records) - smallest)]
+        # An enum costs numpy another type.
+        starts = first + np.flatnonzero(values == int(Opcode.MESSAGE))
+        sizes = at_every_byte(records, 8)[starts + 1].view("<i8")
+        seem = np.flatnonzero((sizes >= smallest) & (sizes < LONGEST))
+        starts = starts[seem]
+        stops = starts + sizes[seem] + HEAD.size
         for _ in range(_PASSES):
             if np.array_equal(np.append(starts, len(records)), np.append(first, stops)):
                 return Messages.at(starts, records)

@@ -88,40 +88,33 @@ def exported(
 
 
 def text_writer(
-    form: OutputFormat | None,
-    stream: TextIO,
-    *,
-    ports: bool,
-    columns: Sequence[str] = ALL_COLUMNS,
-    zone: tzinfo = UTC,
+    form: OutputFormat | None, stream: TextIO, source: ExportSource
 ) -> Callable[[Rows], None]:
     """Create the writer of a text format or hex to a stream that stays open.
 
     Args:
         form: the format; None explains each row byte by byte.
         stream: the text stream; a table and explanations are coloured on a terminal.
-        ports: whether a table has a column for the port.
-        columns: those of CSV and JSON lines.
-        zone: that of the times in a table or CSV; JSON lines have UTC.
+        source: its ports, columns and zone; a table has a column for the port if it has several.
     """
     from fte_sniff.formats.text_table import DissectionWriter, TableWriter
 
     if form is None:
         return DissectionWriter(stream)
     if form is OutputFormat.TABLE:
-        return TableWriter(stream, ports=ports, zone=zone)
+        return TableWriter(stream, ports=len(source.ports) > 1, zone=source.zone)
     if form is OutputFormat.HEX:
         return lambda rows: stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
     if form is OutputFormat.CSV:
-        stream.write(",".join(columns) + "\n")
+        stream.write(",".join(source.columns) + "\n")
 
     def write(rows: Rows) -> None:
         from fte_sniff.analysis.dataframe import table_frame
 
         if form is OutputFormat.CSV and len(rows):
-            write_csv(stream, table_frame(rows), columns, zone)
+            write_csv(stream, table_frame(rows), source.columns, source.zone)
         elif len(rows):
-            write_jsonl(stream, table_frame(rows), columns)
+            write_jsonl(stream, table_frame(rows), source.columns)
 
     return write
 
@@ -135,8 +128,7 @@ def _text(
     form: OutputFormat, stream: TextIO, source: ExportSource
 ) -> Iterator[Callable[[Rows], None]]:
     """Text; each batch is flushed, so that the reader of a pipe gets it at once."""
-    several, columns = len(source.ports) > 1, source.columns
-    write_rows = text_writer(form, stream, ports=several, columns=columns, zone=source.zone)
+    write_rows = text_writer(form, stream, source)
 
     def write(rows: Rows) -> None:
         for start in range(0, len(rows), _AT_ONCE):

@@ -239,9 +239,9 @@ def test_a_full_disk_leaves_a_gap_that_the_next_file_reports(
     path = tmp_path / "x.mcap"
     recorder = Recorder(path, [FIRST], FACTS, options=RecordingOptions(min_free_bytes=10**6))
     flush_each(recorder, rows[:80])
-    free_space.append(10**6 - 1)
+    free_space.append(900_000)
     recorder.flush()
-    assert "the disk has only 1e+03 kB free (--min-free 1 MB)" in str(recorder.failure)
+    assert "the disk has only 900 kB free (--min-free 1 MB)" in str(recorder.failure)
     assert "x.mcap is complete up to there (80 rows)" in str(recorder.failure)
     recorder.write(rows_from(rows[80:100]), EVENTS[1])
     recorder.flush()
