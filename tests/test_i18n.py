@@ -23,7 +23,7 @@ def _chinese() -> Iterator[None]:
         ("silent for 2.0 s", "已静默 2.0 秒"),
         ("after 8.1 s as /dev/ttyUSB1", "8.1 秒后，现在是 /dev/ttyUSB1"),
         ("a.hex: its times name no zone, and are taken as UTC; --zone +08:00 sets it", None),
-        ("3 rows, nothing malformed", "3 行，无畸形帧"),
+        ("3 rows, nothing malformed", "3 行，无损坏的行"),
         ("Invalid value for '--count': 0 is not in the range x>=1", "'--count' 的值无效"),
         ("x.mcap is a file, not a port; `fte-sniff view x.mcap` shows it", "x.mcap 是文件"),
     ],
