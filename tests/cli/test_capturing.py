@@ -377,9 +377,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_oldest_file_makes_room_on_a_full_disk_where_the_newest_are_kept(
     environment, tmp_path: Path
 ) -> None:
-    options = ("--max-size", "10MB", "--rotate", "15kB", "--min-free", "0")
+    options = ("--max-size", "10MB", "--rotate", "30kB", "--min-free", "0")
     with (
-        mounted(tmp_path / "small", "size=128k") as disk,
+        mounted(tmp_path / "small", "size=256k") as disk,
         started(environment, disk, "live", SIM, "-o", "x.mcap", *options) as process,
     ):
         stderr_until(process, "recording stopped: the disk is full")
