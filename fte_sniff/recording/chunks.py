@@ -48,7 +48,6 @@ _CHUNK_START: Final = HEAD.size + _CHUNK_HEAD.size + 16
 """Bytes of a chunk record up to the packed records, at most."""
 _INDEX_HEAD: Final = struct.Struct("<BQHI")
 """The head of a message index: its channel, and the bytes of its entries."""
-_NEAR: Final = 8 * 1024
 _BLOCK: Final = 64 * 1024
 _FIRST_PRIVATE: Final = 0x80
 _OPCODES: Final = frozenset(map(int, Opcode))
@@ -238,7 +237,7 @@ def _indexes_behind(file: _Bytes, before: int, at: int) -> tuple[int, int]:
 
     A chunk of 50 ms has dozens of them, so they are read together.
     """
-    data, start = file.read(at, at + _NEAR), 0
+    data, start = file.read(at, at + _BLOCK // 8), 0
     while start + _INDEX_HEAD.size <= len(data):
         opcode, length, _, size = _INDEX_HEAD.unpack_from(data, start)
         stop = start + HEAD.size + length
@@ -287,8 +286,8 @@ class _Bytes(NamedTuple):
 
     def read(self, start: int, stop: int) -> bytes:
         """The bytes from `start` to `stop`, as far as the file has them."""
-        length = min(stop, self.size) - start
-        return read_at(self.descriptor, length, start) if length > 0 else b""
+        start = min(start, self.size)
+        return read_at(self.descriptor, max(0, min(stop, self.size) - start), start)
 
 
 _JUNK: Final = re.compile(re.escape(MAGIC) + rb"(?!\0|\x0f\x04\0{7}|\x03..\0{6}|\Z)", re.DOTALL)

@@ -70,9 +70,7 @@ from fte_sniff.recording.skeletons import (
 )
 
 BATCH: Final = 2 * 1024 * 1024
-"""Unpacked bytes of a batch, about."""
-_OWN: Final = BATCH // 2
-"""Unpacked bytes of the largest chunk that shares a batch, for which it is copied."""
+"""Unpacked bytes of a batch, about; a chunk of more than half of them is not copied into one."""
 _AHEAD: Final = 2
 """Batches that a thread unpacks before their turn."""
 _MOST_TOPICS: Final = 10
@@ -222,9 +220,13 @@ class Recording:
         starts = {one.start for one in within}
         lost = {one for one in self.contents.lost if one.start not in starts}
         lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
+        groups = [*_groups(sorted([*within, *lost], key=lambda one: one.start))]
         jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
         with ThreadPoolExecutor(1) as threads, self._open() as file:
-            for group in _groups(sorted([*within, *lost], key=lambda one: one.start)):
+            if len(groups) == 1:  # the new chunks of a file that grows; a thread takes longer
+                own = groups.pop()
+                yield from span.within(self._items_of(own, _unpacked(file.fileno(), own)))
+            for group in groups:
                 jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
                 if len(jobs) > _AHEAD:
                     own, job = jobs.popleft()
@@ -404,8 +406,7 @@ class Recording:
 
 
 def _is_ours(channel: Channel) -> bool:
-    is_protobuf = channel.message_encoding == MessageEncoding.Protobuf
-    return is_protobuf and channel.topic in TOPIC_BY_NAME
+    return channel.message_encoding == MessageEncoding.Protobuf and channel.topic in TOPIC_BY_NAME
 
 
 @lru_cache(maxsize=64)
@@ -423,7 +424,7 @@ def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
     spans = zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
-    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[0] * (span[1] > _OWN))):
+    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[0] * (2 * span[1] > BATCH))):
         yield [one for *_, one in own]
 
 

@@ -233,10 +233,10 @@ class Recorder:
         own |= {"previous": self.path.name} if part > 1 else {}
         return RecordingWriter(path, self._ports, self._facts | own, existing=existing)
 
-    def _begin_next(self) -> bool:
+    def _begin_next(self) -> None:
         """Go on in a new file; with `keep_bytes`, the oldest ones make room for it on a full disk.
 
-        False if that fails: then no file is left, and the next attempt is made later.
+        If that fails, no file is left, and the next attempt is made later.
         """
         self._due_s = time.monotonic() + RETRY_S
         while True:
@@ -246,14 +246,14 @@ class Recorder:
                 is_full = getattr(failure.__cause__, "errno", None) in _FULL
                 # The last file, which stays, reports the gaps until there is another.
                 if not (is_full and self._options.keep_bytes and self._closed):
-                    return False
+                    return
                 self._closed.pop(0).delete()
             else:
                 self._put_away(self._writer)
                 self._writer, self._waiting = writer, []
                 self._due_s, self.is_stopped = -inf, False
                 self.files.append(writer.path)
-                return True
+                return
 
     def _next_writer(self) -> RecordingWriter:
         """A new file that reports all gaps and begins with what waits; raises FileError."""

@@ -204,6 +204,16 @@ def test_chunks_that_are_shifted_behind_a_whole_index_are_read(tmp_path: Path) -
     )
 
 
+def test_a_chunk_is_found_wherever_long_damage_ends(tmp_path: Path) -> None:
+    """Damage is searched in blocks of 64 KiB; the head of a chunk may lie in two of them."""
+    one, path = recorded("under way"), tmp_path / "x.mcap"
+    start, _ = [*one.chunks][2]
+    block_end = 65_536 + max(at for _, at, end in records(one.content) if end <= start)
+    for at in range(block_end - 80, block_end + 8, 4):
+        path.write_bytes(one.content[:start] + bytes(at - start) + one.content[start:])
+        assert found_in(path).rows == one.rows
+
+
 def test_a_record_that_skips_whole_chunks_is_damage(tmp_path: Path) -> None:
     one = recorded("one port")
     start, end = [*one.chunks][2][0], [*one.chunks][5][0]
