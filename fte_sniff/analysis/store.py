@@ -45,7 +45,7 @@ class RowStore:
         self._block_rows, self._memory_blocks = block_rows, memory_rows // block_rows
         self._blocks = list[dict[str, Array]]()
         # Each table has the rows of the two seconds around its own.
-        self._segments = Segments(most=1, every_ns=DEADLINE_NS // 2)
+        self._segments = Segments(most=1, every_ns=DEADLINE_NS)
         self.ports: tuple[str, ...] = ()
         """The ports so far."""
         self.marks = list[Change]()

@@ -60,7 +60,7 @@ from fte_sniff.tui.view import Span, View
 TICK_S: Final = 0.03
 """Time between two polls of the feed while nothing comes."""
 
-PAUSE_S: Final = 0.12
+PAUSE_S: Final = 0.16
 """Time from the drawing of rows to the next poll: they come at most six times a second."""
 
 FIRST_S: Final = 0.3
@@ -71,7 +71,8 @@ NEWS_NS: Final = 500_000_000, 100_000_000
 that between two drawings of the lines, and while the cursor moves."""
 
 SHARE: Final = 96, 8
-"""What takes long to draw waits this many times as long, in the same cases."""
+"""What takes long to draw waits this many times as long, in the same cases; at most thrice the time
+while rows come, as the first drawings take far longer than those that follow."""
 
 FINDINGS_NS: Final = 5_000_000_000
 """Shortest time between two searches for findings in a capture."""
@@ -504,12 +505,11 @@ class SniffApp(App[None]):
 
     def _report(self, before: str | None, *, ended: bool) -> None:
         """Show troubles of the recording, alerts, and the end of the feed; quit then if wanted."""
-        state, status = self.view.state, self.status
-        trouble, warns = state.trouble, status.warns("recording")
+        state, status, trouble = self.view.state, self.status, self.view.state.trouble
         is_new = getattr(trouble, "form", trouble) != getattr(before, "form", before)
-        if trouble and trouble != before and (is_new or warns):
+        if trouble and trouble != before and (is_new or status.warns("recording")):
             status.warn(_(trouble), "recording")
-        elif before and not trouble and warns:
+        elif before and not trouble and status.warns("recording"):
             status.warn(_("over: {text}", text=_(before)), "recording")
         if ended and status.asks:
             status.inform("")  # nothing is recorded any more
@@ -577,6 +577,7 @@ class SniffApp(App[None]):
 
     # What is shown
 
+    @on(Pane.Changed)
     def show_all(self) -> None:
         """Draw all that has changed, however little time has passed."""
         self._asked = ()
@@ -671,7 +672,7 @@ class SniffApp(App[None]):
         )
         pane.draw(self._page_context())
         case, took_ns = cursor is not None, self.now_ns() - now_ns
-        self._draw_due_ns = now_ns + max(NEWS_NS[case], SHARE[case] * took_ns)
+        self._draw_due_ns = now_ns + max(NEWS_NS[case], min(SHARE[case] * took_ns, 3 * NEWS_NS[0]))
 
     def _times_of_trouble(self) -> dict[int, int]:
         """By motor, the start of the chosen finding, or in trouble, of the first that goes on."""
@@ -702,10 +703,6 @@ class SniffApp(App[None]):
         )
 
     # Messages of the parts
-
-    @on(Pane.Changed)
-    def _on_pane_changed(self) -> None:
-        self.show_all()
 
     @on(CommandLine.Typed)
     def _on_typed(self, event: CommandLine.Typed) -> None:

@@ -151,8 +151,7 @@ class Painter:
         """The line of a port event or a gap; the text is printable."""
         text = fit(f" {text} ", self.width - 1).rstrip()
         rule = "─" * max(0, self.width - 1 - cell_len(text) - 1)
-        style = self.palette.signs
-        strip = self._strip([(EVENT_SIGN, style), (f"{text} {rule}", style)], line)
+        strip = self._strip([(f"{EVENT_SIGN}{text} {rule}", self.palette.signs)], line)
         return strip.adjust_cell_length(self.width, line)
 
     def head(self, line: Style) -> Strip:
@@ -191,10 +190,8 @@ class Painter:
                 return self._bytes(column, cell)
             case "values":
                 return self._short_values(column, cell)
-            case "time":
-                value = cell.time_ns
-            case "delta":
-                value = cell.delta_ns
+            case "time" | "delta" as name:
+                value = getattr(cell, f"{name}_ns")
             case "kind":
                 value, style = row.kind and row.kind.name, _weight(row)
             case "faults" | "status" as name:
@@ -236,6 +233,8 @@ class Painter:
         if len(row.raw) > FRAME_LENGTH:
             return [(fit(bytes_text(row.raw, width), width), palette.statuses[row.status])]
         text = fit(spaced_hex(row.raw), width)
+        if not (row.faults or cell.is_raised or cell.field or cell.changed):
+            return [(text, palette.muted)]
         styles = palette.of_bytes(row, is_raised=cell.is_raised)
         for at, style in enumerate(styles):
             if cell.field is not None and at in cell.field:

@@ -228,8 +228,9 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
         after = int(indices[0]) if len(indices) else last
         lines: list[TableLine] = []
         cells = self._cells(indices.tolist(), rows)
+        has_events = any(self._shown.landmarks_between(after, last + 1))
         for position, (index, cell) in enumerate(cells, viewport.top):
-            lines += self._event_lines(after, index + 1)
+            lines += self._event_lines(after, index + 1) if has_events else ()
             lines.append(TableLine(cell, position))
             after = index + 1
         if end == viewport.count:

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
+from time import monotonic_ns
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.text import Text
 
 from fte_sniff.analysis.plots import Envelope
 from fte_sniff.protocol.rows import Row
+from fte_sniff.session.merge import EVER
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.curves import SCALE_CELLS, Curves, plot
 from fte_sniff.tui.options import StartOptions
 from fte_sniff.tui.pages import text_of
 from fte_sniff.tui.painter import DARK
+from fte_sniff.tui.strip import strip_text
 from tests.tui.conftest import (
     NOON_NS,
     ListFeed,
@@ -112,6 +118,29 @@ def test_the_line_of_a_finding_grows_with_it_and_goes_after_its_end(feed: ListFe
         await until(app, "! 12:00:00  motor 3 answered 999 of 1,500 commands")
         give(app, after(30, talk(30)))
         await until(app, "motor 3 answered", gone=True)
+
+    play(feed, scenario)
+
+
+def test_a_drawing_that_takes_long_does_not_hold_up_the_next_for_long(
+    feed: ListFeed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late_ns = 0
+
+    def drawn_in_a_second(*values: Any) -> Text:
+        nonlocal late_ns
+        late_ns += 1_000_000_000
+        return strip_text(*values)
+
+    monkeypatch.setattr("fte_sniff.tui.app.strip_text", drawn_in_a_second)
+    monkeypatch.setattr(SniffApp, "now_ns", lambda _app: monotonic_ns() + late_ns)
+    feed.give(talk(11))
+
+    async def scenario(app: SniffApp) -> None:
+        app._search_due_ns = EVER  # findings draw the motors too
+        feed.give(after(11, talk(11, lost=3)))
+        while "3 unanswered" not in page(app):
+            await asyncio.sleep(0.05)
 
     play(feed, scenario)
 

@@ -161,21 +161,6 @@ def test_from_a_command_to_its_answer_and_back(feed: ListFeed) -> None:
     play(feed, scenario)
 
 
-def test_marks_and_notes_are_gone_to(feed: ListFeed) -> None:
-    feed.give(speed_rows(40))
-
-    async def scenario(app: SniffApp) -> None:
-        await press(app, "colon '5' enter m colon '9' enter number_sign 'stalled' enter")
-        assert app.table.marks == {4: "", 8: "stalled"}
-        await press(app, "g u u")
-        assert app.table.last_index == 8
-        assert "note: stalled" in page(app)
-        await press(app, "U m")
-        assert app.table.marks == {8: "stalled"}
-
-    play(feed, scenario)
-
-
 def test_an_event_is_placed_by_its_time_among_all_rows(feed: ListFeed) -> None:
     feed.give(speed_rows(10_000))
 
@@ -207,21 +192,6 @@ def test_missing_rows_are_a_line(feed: ListFeed) -> None:
         feed.give(speed_rows(5, 17))
         await settle(app)
         assert "12 rows are missing here" in page(app)
-
-    play(feed, scenario)
-
-
-def test_columns_are_typed(feed: ListFeed) -> None:
-    feed.give(speed_rows(5))
-
-    async def scenario(app: SniffApp) -> None:
-        await press(app, "C ctrl+u 'rpm motor time delta' enter")
-        assert lines(app)[5].split()[:2] == ["rpm", "motor"]
-        assert "1.000 ms" in page(app)
-        await press(app, "C ctrl+u 'rpm speedo' enter")
-        assert "no column speedo" in page(app)
-        await press(app, "escape C ctrl+u enter")
-        assert "values" in lines(app)[5]
 
     play(feed, scenario)
 
