@@ -119,7 +119,7 @@ def text_writer(
     return write
 
 
-_AT_ONCE: Final = 1 << 14
+_AT_ONCE: Final = 1 << 15
 """Rows whose text is in memory at once, some hundred bytes each."""
 
 
