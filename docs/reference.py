@@ -24,6 +24,7 @@ from mcap.reader import make_reader
 import fte_sniff
 from fte_sniff.analysis.filter.row_filter import EXAMPLES, FUNCTIONS
 from fte_sniff.cli.main import COMMANDS, PROGRAM
+from fte_sniff.cli.options import NUMBER
 from fte_sniff.errors import ExplainedWord
 from fte_sniff.i18n import _, set_language
 from fte_sniff.protocol.columns import COLUMNS
@@ -238,7 +239,9 @@ def _command(command: click.Command, context: click.Context, level: str = "##") 
         for parameter in command.params
         if isinstance(parameter, click.Option) and (record := parameter.get_help_record(context))
     ]
-    options = table(("option", "meaning"), ((f"`{flags}`", text) for flags, text in records))
+    options = table(
+        ("option", "meaning"), ((f"`{NUMBER.sub('N', flags)}`", text) for flags, text in records)
+    )
     shown = f"{level} {title}\n\n```text\n{usage}\n```\n\n{text}\n"
     return f"{shown}\n{options}" if records else shown
 

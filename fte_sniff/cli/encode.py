@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from fte_sniff.cli.options import GroupedCommand
 from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.spec import KINDS, Field, FrameKind, encode
 
@@ -63,7 +64,7 @@ def _command_of(kind: FrameKind) -> click.Command:
         options.append(
             click.Option(["--cmd"], type=integer, default=default, show_default=True, help=text)
         )
-    return click.Command(
+    return GroupedCommand(
         kind.name,
         callback=print_frame,
         params=list(options),

@@ -45,7 +45,7 @@ def in_group(name: str, *options: Decorator) -> Decorator:
 
 _RANGE: Final = re.compile(r"; [^;\[\]]*\bx\b[^;\]]*(?=\])|  \[[^;\]]*\bx\b[^;\]]*\]")
 """The range of a number, which click adds to the help; an error names it."""
-_NUMBER: Final = re.compile(r"(INTEGER|FLOAT)( RANGE)?$")
+NUMBER: Final = re.compile(r"(INTEGER|FLOAT)( RANGE)?$")
 """The names of types that the help writes as N."""
 
 
@@ -60,7 +60,7 @@ class GroupedCommand(click.Command):
             if record is not None:
                 names, text = record
                 own = groups.setdefault(getattr(option, "group", "Options"), [])
-                own.append((_NUMBER.sub("N", names), _RANGE.sub("", text)))
+                own.append((NUMBER.sub("N", names), _RANGE.sub("", text)))
         for name, records in groups.items():
             with formatter.section(translated(name)):
                 formatter.write_dl(records)
