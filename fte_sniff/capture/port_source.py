@@ -60,7 +60,7 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
 
 _STEP_S: Final = 0.05
 _SEARCH_EVERY_S: Final = 2.0
-_SEARCH_SHARE: Final = 0.002
+_SEARCH_SHARE: Final = 0.005
 """Share of the time that the search for other programs takes at most."""
 
 
