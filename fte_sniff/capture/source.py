@@ -303,12 +303,10 @@ class Source:
         return None
 
     def _found(self, again: Connection, lost_ns: int) -> TranslatableText:
-        seconds = (self._clock.now_ns() - lost_ns) / 1e9
-        if again.place in (None, again.names[0]):
+        seconds, port = (self._clock.now_ns() - lost_ns) / 1e9, again.place
+        if port in (None, again.names[0]):
             return TranslatableText("after {seconds:.1f} s", seconds=seconds)
-        return TranslatableText(
-            "after {seconds:.1f} s as {port}", seconds=seconds, port=again.place
-        )
+        return TranslatableText("after {seconds:.1f} s as {port}", seconds=seconds, port=port)
 
     def _read_until_lost(self, connection: Connection) -> BaseException | None:
         """Read all wires until the end is due (returns None) or one is lost (returns the error)."""
