@@ -71,4 +71,4 @@ def test_share_does_not_go_with_attach(run) -> None:
     done = run("live", "--attach", "--share", "/dev/ttyUSB0")
     assert done.returncode == 2
     assert "there is nothing to share: leave one out" in done.stderr
-    assert "only a device can" in run("live", "--share", "sim://").stderr
+    assert "URLs and Windows ports cannot" in run("live", "--share", "sim://").stderr
