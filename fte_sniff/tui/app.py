@@ -20,6 +20,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.driver import Driver
 from textual.events import Event, Key, MouseDown
+from textual.reactive import Reactive
 from textual.screen import Screen
 from textual.widgets import Footer, Input
 
@@ -93,6 +94,9 @@ Part: TypeAlias = MotorStrip | RowTable | Pane
 
 class MainScreen(Screen[None], inherit_bindings=False):
     """The screen; the keys are those of the app."""
+
+    focused = Reactive(None, repaint=False)
+    """What has the keys; a change draws only the two that it concerns."""
 
 
 class SniffApp(App[None]):
@@ -308,12 +312,6 @@ class SniffApp(App[None]):
         self.motors.chosen = None if is_shown and self.motors.chosen == motor else motor
         if not is_shown:
             self._show(self.motors)
-        self._asked = ()
-
-    def do_zoom(self, by: int) -> None:
-        """Plot more time (`by` 1), or less (-1)."""
-        self.motors.zoom(by)
-        self._asked = ()
 
     def do_field(self, by: int) -> None:
         """Look at the next field of the cursor's row, or at the previous one."""
@@ -432,18 +430,19 @@ class SniffApp(App[None]):
         self.table.focus()
         for warning in self._options.warnings:
             self.status.warn(_(warning))
-        self._begin()
+        self.tick()
+        if not self.view.state.live:
+            self.table.jump(0)
+        self.set_timer(FIRST_S if self.view.store.next else TICK_S, self._on_clock)
         loop = asyncio.get_running_loop()
         for number in self._options.signals:
             # Only the main thread can have signal handlers.
             with contextlib.suppress(RuntimeError, ValueError):
                 loop.add_signal_handler(number, self.exit)
 
-    def _begin(self) -> None:
-        self.tick()
-        if not self.view.state.live:
-            self.table.jump(0)
-        self.set_timer(FIRST_S if self.view.store.next else TICK_S, self._on_clock)
+    def on_resize(self) -> None:
+        """Draw all of the new size, also where it comes while the effects of a key are awaited."""
+        self.screen.refresh()
 
     def on_unmount(self) -> None:
         """Remove an unfinished file."""
@@ -485,8 +484,8 @@ class SniffApp(App[None]):
             self.status.on_port_event(event, self.table.look.shown_zone)
         self._examine()
         self._is_stale |= len(update.rows) > 0 or bool(update.events) or shown != view.shown.count
-        if self._output is not None and self._output.is_slow:
-            return  # the terminal has not yet drawn what was written
+        if len(self.screen_stack) > 1 or (self._output is not None and self._output.is_slow):
+            return  # the help is above, or the terminal has not yet drawn what was written
         if self._is_stale:
             self._sync_table()
         if self.now_ns() >= self._show_due_ns:
@@ -586,7 +585,7 @@ class SniffApp(App[None]):
     @on(RowTable.Moved)
     def show_state(self) -> None:
         """Draw the lines, the motors and the page, as far as they have changed."""
-        if not self.is_running or len(self.screen_stack) < 1:
+        if not self.is_running or len(self.screen_stack) != 1:
             return
         self._look_at_finding()
         self._show_due_ns = self.now_ns() + NEWS_NS[0]
@@ -652,7 +651,7 @@ class SniffApp(App[None]):
         asked = (
             *(view.finding, chosen, self.strip.size, self.theme, self.language),
             *(pane.page, pane.size, table.field, view.shown.matches),
-            *(self.findings.at, self.streams.at),
+            *(self.findings.at, self.streams.at, self.motors.chosen, self.motors.window),
         )
         seconds = now_ns // 1_000_000_000 if view.lives else 0  # also while nothing comes
         newest = view.store.next if cursor is None else 0

@@ -130,8 +130,8 @@ UNDERSTAND: Final = (
     _rows("right_square_bracket", "app.field(1)", "look at the next field"),
     _rows("left_square_bracket", "app.field(-1)", "look at the previous field"),
     *(Command(f"{motor}", f"app.motor({motor})", _ONE) for motor in MOTORS),
-    _plots("z", "app.zoom(-1)", "less time in the plots"),
-    _plots("Z", "app.zoom(1)", "more time in the plots"),
+    _plots("z", "motors.zoom(-1)", "less time in the plots"),
+    _plots("Z", "motors.zoom(1)", "more time in the plots"),
     _pane("J", "pane.move(1)", "the pane: one line down"),
     _pane("K", "pane.move(-1)", "the pane: one line up"),
 )

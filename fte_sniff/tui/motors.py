@@ -102,13 +102,14 @@ class MotorsPage(Page):
     NAME = "motors"
 
     def __init__(self) -> None:
-        self._window = DEFAULT_WINDOW
+        self.window = DEFAULT_WINDOW
+        """The number in `WINDOWS_NS` of the time that is plotted."""
         self.chosen: int | None = None
         """The motor that has the whole pane; None for all that fit."""
 
     def zoom(self, by: int) -> None:
         """Plot more time (`by` 1), or less (-1)."""
-        self._window = min(max(0, self._window + by), len(WINDOWS_NS) - 1)
+        self.window = min(max(0, self.window + by), len(WINDOWS_NS) - 1)
 
     def title(self, context: Context) -> str:
         """The plotted time, and what the curves are."""
@@ -121,7 +122,7 @@ class MotorsPage(Page):
         finding, usual = context.view.finding, WINDOWS_NS[DEFAULT_WINDOW]
         if finding is not None:
             usual = 2 * max(finding.last_ns - finding.first_ns, usual)
-        return usual * WINDOWS_NS[self._window] // WINDOWS_NS[DEFAULT_WINDOW]
+        return usual * WINDOWS_NS[self.window] // WINDOWS_NS[DEFAULT_WINDOW]
 
     def text(self, context: Context) -> Text:
         """The cards of the motors."""

@@ -55,7 +55,9 @@ class TypedKeys:
 
     async def _run(self) -> None:
         while self._waiting and self._app.is_running:
-            self._app.post_message(Turn(self._waiting.popleft()))
+            with self._app.batch_update():  # all that a key changes is drawn together
+                self._app.post_message(Turn(self._waiting.popleft()))
+                await self.quiet()
             await self.quiet()
 
     async def quiet(self) -> None:
