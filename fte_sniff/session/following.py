@@ -21,7 +21,7 @@ from fte_sniff.session.inputs import Input, Note, beginning_of, note_losses, rec
 POLL_S: Final = 0.1
 """Interval at which a file is polled by commands that only follow."""
 
-GATHER_S: Final = 0.08
+GATHER_S: Final = 0.1
 """Time after rows in which the next ones gather: many small reads take more time than a few."""
 
 RELEASE_S: Final = 1.0

@@ -61,8 +61,8 @@ from fte_sniff.tui.view import Span, View
 TICK_S: Final = 0.03
 """Time between two polls of the feed while nothing comes."""
 
-PAUSE_S: Final = 0.16
-"""Time from the drawing of rows to the next poll: they come at most six times a second."""
+PAUSE_S: Final = 0.21
+"""Time from the drawing of rows to the next poll: they come at most five times a second."""
 
 FIRST_S: Final = 0.3
 """Time after the first rows of a file, which are drawn before more are read."""
