@@ -54,7 +54,9 @@ def run(seconds: float, *, attach: bool) -> tuple[float, int, int]:
         trips = int(target.stdout.readline())
         if source is not None:
             source.stop()
-            seen = sum(len(item.data) for item in source if isinstance(item, Chunk))
+            seen = sum(
+                len(item.data) for batch in source for item in batch if isinstance(item, Chunk)
+            )
         target.stdin.close()
     os.close(far)
     return trips / seconds, 2 * FRAME_LENGTH * trips, seen

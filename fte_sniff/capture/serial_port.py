@@ -233,7 +233,8 @@ def request_low_latency(port: serial.Serial) -> None:
     """Request that the driver delivers bytes as they arrive, where there is such a setting."""
     request = getattr(port, "set_low_latency_mode", None)
     if request is not None:  # the ports of URLs, and of Windows, do not have it
-        # In this order: another system, a lost device, a driver without it.
+        # In this order: another system, a lost device, a driver without it. Bytes come later then,
+        # by as much as `max_latency_ns` reads.
         with suppress(NotImplementedError, OSError, ValueError):
             request(True)
 

@@ -89,7 +89,7 @@ _CHECK_S: Final = 0.01
 
 
 class Source:
-    """Open connections as one iterable of chunks and events, those of each wire in order.
+    """Open connections as one iterable of batches of chunks and events, those of a wire in order.
 
     The first item of each connection is the event `opened`. A wire that is silent or away yields
     empty chunks several times a second. Where an event `lost` or `overrun` is, bytes are missing.
@@ -137,11 +137,7 @@ class Source:
     def __exit__(self, *_error: object) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[Received]:
-        for batch in self.batches():
-            yield from batch
-
-    def batches(self) -> Iterator[list[Received]]:
+    def __iter__(self) -> Iterator[list[Received]]:
         """Yield what came, 25 times a second, until all has ended."""
         with self:
             while True:

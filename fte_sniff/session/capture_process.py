@@ -131,7 +131,7 @@ class CaptureLoop:
 
     def run(self) -> None:
         """Process the source to its end, and close the recording."""
-        for batch in self._source.batches():
+        for batch in self._source:
             self._turns += 1
             for item in batch:
                 if isinstance(item, PortEvent):

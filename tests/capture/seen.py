@@ -33,8 +33,8 @@ class Seen:
         self.end()
 
     def _take(self) -> None:
-        for item in self.source:
-            self.items.append(item)
+        for batch in self.source:
+            self.items += batch
 
     def chunks(self, wire: str | None = None) -> list[Chunk]:
         """The chunks with bytes, of one wire or of all."""

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import termios
+from itertools import chain
 
 import pytest
 
@@ -87,7 +88,8 @@ def test_time_of_the_end_is_kept_though_nobody_takes_what_comes(pty) -> None:
         while not source.is_over:
             pass
     assert source.waiting == 7
-    assert [one.data for one in source if isinstance(one, Chunk) and one.data] == [b"in time"]
+    items = chain.from_iterable(source)
+    assert [one.data for one in items if isinstance(one, Chunk) and one.data] == [b"in time"]
 
 
 def test_all_of_two_ports_comes_and_that_of_each_in_order_of_time(new_pty) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterable
+from itertools import chain
 
 import pytest
 
@@ -63,12 +64,12 @@ def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
     assert seen.times("a") == sorted(seen.times("a"))
     assert seen.source.lost is None
     assert line.closed == 1
-    assert list(seen.source) == []
+    assert list(chain.from_iterable(seen.source)) == []
 
 
 def test_batches_gather_for_40_ms_unless_one_is_full(line: Line, monkeypatch) -> None:
     source = source_of(line)
-    batches = source.batches()
+    batches = iter(source)
     next(batches)
     began_s = time.monotonic()
     for _ in range(5):
@@ -182,7 +183,7 @@ def test_what_does_not_fit_is_counted_where_it_is_missing(line: Line, monkeypatc
     line.reads += [b"a" * 1000, b"b" * 3000, *(b"c" * 100 for _ in range(10))]
     with source:
         wait_until(lambda: not line.reads)
-        items = iter(source)
+        items = chain.from_iterable(source)
         found = [next(items) for _ in range(3)]
         # There is room again, and what comes now is kept.
         line.reads.append(b"d" * 10)
