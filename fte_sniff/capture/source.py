@@ -105,7 +105,8 @@ class Source:
         self.lost: PortEvent | None = None
         """The latest loss for good; None where all ended as asked, or with their programs."""
         self._stop_at_ns = inf
-        self._put_bytes = self._taken_bytes = 0
+        self.received_bytes = self._taken_bytes = 0
+        """Bytes that were read and not dropped, and those of them that were yielded."""
         self._dropped: Counter[str] = Counter()
         self._items: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._lock = threading.Lock()
@@ -169,7 +170,7 @@ class Source:
     @property
     def waiting(self) -> int:
         """Number of bytes that were read and not yet yielded."""
-        return self._put_bytes - self._taken_bytes
+        return self.received_bytes - self._taken_bytes
 
     @property
     def is_over(self) -> bool:
@@ -214,7 +215,7 @@ class Source:
                 if self.waiting + _ITEM_COST * self._items.qsize() > CAPACITY:
                     self._dropped[item.port] += size
                     return
-                self._put_bytes += size
+                self.received_bytes += size
             if self._dropped and (count := self._dropped.pop(item.port, 0)):
                 self._items.put(self._overrun(item.port, count))
             self._items.put(item)

@@ -118,8 +118,10 @@ class CaptureLoop:
         self._merge.lanes += [wire.lane for wire in self._wires.values()]
         self._remaining = plan.count
         self._turns = 0
-        self._is_ending = self._is_mixed = False
+        self._is_mixed = False
         self._now_ns = self._emit_ns = 0
+        self._recorded_bytes = 0
+        """Bytes of the rows that the recorder has."""
         self._writing_since_s: float | None = None
         """When the write under way began."""
         self.shows_rows = plan.shows_rows
@@ -145,7 +147,6 @@ class CaptureLoop:
                 self._watch_clock()
                 with self._writing():
                     self._recorder.flush_if_due(self._now_ns, at_once=self.shows_rows)
-        self._is_ending = True
         for wire in self._wires.values():
             wire.framer.end()
         self._drain()
@@ -163,6 +164,9 @@ class CaptureLoop:
     def state(self) -> CaptureState:
         """How far it is; any thread may read it."""
         since_s, recorder, is_ended = self._writing_since_s, self._recorder, self.ended.is_set()
+        # In this order, what moves on meanwhile counts twice rather than not at all.
+        is_ending = self._source.is_over
+        waiting = self._source.received_bytes - self._recorded_bytes
         return CaptureState(
             [*map(str, recorder.files)],
             None if recorder.is_stopped else str(recorder.path),
@@ -171,9 +175,9 @@ class CaptureLoop:
             is_ended,
             self._reason,
             recorder.unflushed_rows,
-            self._source.waiting,
+            waiting,
             since_s is not None and time.monotonic() - since_s >= SLOW_S,
-            self._is_ending or self._source.is_over,
+            is_ending,
             recorder.size,
             self._turns,
         )
@@ -239,6 +243,7 @@ class CaptureLoop:
             assert isinstance(entry, Rows | PortEvent)
             with self._writing():
                 self._recorder.write(entry)
+            self._recorded_bytes += int(item.length.sum()) if isinstance(item, Rows) else 0
 
     def _limited(self, rows: Rows) -> Rows:
         if self._remaining is not None:

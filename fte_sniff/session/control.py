@@ -85,9 +85,9 @@ class CaptureState:
     reason: str | None = None
     """Why it ended, in one line; None if it was requested."""
     unrecorded: int = 0
-    """Rows that are not in the file yet."""
+    """Rows that the recorder has, and the file not yet."""
     waiting: int = 0
-    """Bytes that were read and are in no row yet."""
+    """Bytes that were read, and are in none of the recorder's rows."""
     is_slow: bool = False
     """Whether a write takes long."""
     is_ending: bool = False
@@ -105,12 +105,8 @@ class CaptureState:
     @property
     def remaining(self) -> TranslatableText:
         """What is not in the file yet: `512 rows and 1,024 bytes not yet in rows`."""
-        rows = TranslatableText("{rows:,} rows", rows=self.unrecorded)
-        if not self.waiting:
-            return rows
-        return TranslatableText(
-            "{rows} and {bytes:,} bytes not yet in rows", rows=rows, bytes=self.waiting
-        )
+        form = "{rows:,} rows and {bytes:,} bytes not yet in rows"
+        return TranslatableText(form, rows=self.unrecorded, bytes=self.waiting)
 
     @property
     def backlog(self) -> TranslatableText | None:

@@ -213,5 +213,7 @@ class LiveSession(ItemFeed):
             return state
         path = state.recording or self._plan.recording
         text = "{reason}; up to {what} are not in {path}"
+        if not self.hurried:  # the state is older than the last rows
+            text = "{reason}; the last rows may not be in {path}"
         error = FileError(text, reason=reason, what=state.remaining, path=path)
         return replace(state, reason=reason, error=error)

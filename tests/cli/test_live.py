@@ -152,7 +152,7 @@ def test_a_killed_capture_is_reported_and_its_file_opens(run, environment, tmp_p
         os.kill(capture, signal.SIGKILL)
         code, _, errors = ended(process)
     assert code == 4
-    assert re.search(r"ended unexpectedly; up to .* are not in x.mcap", errors)
+    assert "ended unexpectedly; the last rows may not be in x.mcap" in errors
     assert run("decode", "x.mcap").returncode == 0
 
 
