@@ -33,6 +33,14 @@ def running(words: Sequence[str | Path], **options: Any) -> Iterator[Process]:
             process.kill()
 
 
+def state_of(pid: int) -> str:
+    """The state of a process in /proc: `T` if it is stopped, `Z` or `X` if it has ended."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "X"
+
+
 @contextmanager
 def held(near: int, *words: str) -> Iterator[Process]:
     """A process of another program that has a terminal open.

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Final
 
 from fte_sniff.capture.clock import Clock
-from fte_sniff.capture.discovery import Holder, holders_of, holders_text
+from fte_sniff.capture.discovery import holders_of, holders_text
 from fte_sniff.capture.lasting_name import LastingPort
 from fte_sniff.capture.line_errors import LineErrors, counters_of
 from fte_sniff.capture.serial_port import (
@@ -66,17 +66,17 @@ _SEARCH_SHARE: Final = 0.005
 
 def holders_coming(name: str, device: str, clock: Clock) -> Iterator[Iterable[Received]]:
     """Report each program that opens the device beside this one, once, without an end."""
-    known = set[Holder]()
+    known = set[int]()
     while True:
         start_s = time.monotonic()
         found = holders_of(device)
         took_s = time.monotonic() - start_s
-        if new := [holder for holder in found if holder not in known]:
+        if new := [holder for holder in found if holder.pid not in known]:
             detail = TranslatableText(
                 "{holders} too, and may take bytes away", holders=holders_text(new)
             )
             yield (PortEvent(clock.now_ns(), name, PortEventKind.SHARED, detail),)
-        known = set(found)
+        known = {holder.pid for holder in found}
         while time.monotonic() < start_s + max(_SEARCH_EVERY_S, took_s / _SEARCH_SHARE):
             time.sleep(_STEP_S)
             yield ()

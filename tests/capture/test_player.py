@@ -28,16 +28,16 @@ def test_bytes_are_played_at_their_times_once_a_program_opens_it(host: HostEnd) 
     timed = [(number / 50, bytes([number]) * 10) for number in range(20)]
     results, stopped = list[tuple[int, int]](), threading.Event()
     playing = Work(lambda: results.append(play(host, timed, stopped.is_set)))
+    arrivals = [time.monotonic()]
     with serial.Serial(host.name, timeout=BOUND_S) as program:
-        arrivals = list[float]()
         for _, data in timed:
             assert program.read(10) == data
             arrivals.append(time.monotonic())
         playing.ended()
     assert results == [(200, 0)]
     # A busy machine makes bytes late, but none early.
-    assert arrivals[-1] - arrivals[0] > 19 / 50 - 0.1
-    assert min(after - before for before, after in itertools.pairwise(arrivals)) < 0.05
+    assert arrivals[-1] - arrivals[0] >= 19 / 50
+    assert min(after - before for before, after in itertools.pairwise(arrivals[1:])) < 0.05
 
 
 def test_what_a_program_does_not_read_in_time_is_counted(host: HostEnd) -> None:

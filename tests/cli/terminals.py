@@ -15,7 +15,7 @@ from pathlib import Path
 from threading import Event
 from time import monotonic
 
-from tests.beside import Work, running
+from tests.beside import Work, running, state_of
 from tests.cli.processes import BOUND_S, Process
 from tests.cli.program import Program
 
@@ -23,15 +23,16 @@ from tests.cli.program import Program
 class Terminal:
     """The program in a terminal, and everything it has drawn so far."""
 
-    def __init__(self, far: int, process: Process) -> None:
+    def __init__(self, far: int, process: Process, attributes: list[object]) -> None:
+        """`attributes` are those from before the program, as `termios.tcgetattr` returns them."""
         self.process = process
-        self._far = far
+        self._far, self._attributes = far, attributes
         self.drawn = b""
 
     @property
-    def attributes(self) -> list[object]:
-        """The settings of the terminal, as `termios.tcgetattr` returns them."""
-        return termios.tcgetattr(self._far)
+    def is_as_it_was(self) -> bool:
+        """Whether the terminal has the settings from before the program."""
+        return termios.tcgetattr(self._far) == self._attributes
 
     def resize(self, columns: int, lines: int) -> None:
         fcntl.ioctl(self._far, termios.TIOCSWINSZ, struct.pack("HHHH", lines, columns, 0, 0))
@@ -122,6 +123,7 @@ def terminal(
     """
     far, near = pty.openpty()
     fcntl.ioctl(near, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
+    attributes = termios.tcgetattr(near)
     command = [*program, *arguments] if program else Program().command(arguments)
     with ExitStack() as stack:
         opened = near if errors is None else stack.enter_context(errors.open("wb")).fileno()
@@ -138,7 +140,7 @@ def terminal(
             )
         )
         os.close(near)
-        screen = Terminal(far, process)
+        screen = Terminal(far, process, attributes)
         try:
             yield screen
         finally:
@@ -155,14 +157,6 @@ def in_session(leader: int) -> list[int]:
     for folder in Path("/proc").glob("[0-9]*"):
         pid = int(folder.name)
         with suppress(ProcessLookupError):
-            if os.getsid(pid) == leader and not is_dead(folder):
+            if os.getsid(pid) == leader and state_of(pid) not in "ZX":
                 found.append(pid)
     return found
-
-
-def is_dead(process: Path) -> bool:
-    """True if the process has ended, also if its exit code was not read yet."""
-    try:
-        return (process / "stat").read_text().rpartition(")")[2].split()[0] in "ZX"
-    except OSError:
-        return True

@@ -219,9 +219,8 @@ def test_it_ends_in_silence(
 @pytest.mark.parametrize("module", first(1, ["textual.app", "fte_sniff.tui.app", "textual.pilot"]))
 def test_the_terminal_is_as_it_was(hooked: Hooked, tmp_path: Path, module: str, how: str) -> None:
     with terminal(hooked([("import", module, how)]), tmp_path, "view", DECODE[1]) as screen:
-        before = screen.attributes
         assert screen.ended() in (130, -signal.SIGINT)
-        assert screen.attributes == before
+        assert screen.is_as_it_was
     assert b"Traceback" not in screen.drawn
     assert b"KeyboardInterrupt" not in screen.drawn
 

@@ -12,6 +12,7 @@ from shutil import copy
 
 import pytest
 
+from tests.beside import state_of
 from tests.cli.conftest import SAMPLES
 from tests.cli.processes import PROGRAM, children_of, holding, wait_until
 from tests.cli.terminals import Terminal, controlling_terminal, in_session, plain_terminal, terminal
@@ -183,7 +184,6 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
     with terminal(
         environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal
     ) as screen:
-        before = screen.attributes
         screen.until(ROWS_TERMINAL)
         for _ in range(2):
             screen.process.send_signal(signal.SIGSTOP)
@@ -193,7 +193,7 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
             screen.until(ROWS_TERMINAL)
         screen.type("Q")
         assert screen.ended() == 0
-        assert screen.attributes == before
+        assert screen.is_as_it_was
         assert_all_is_well(run, screen, recording)
 
 
@@ -230,7 +230,10 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
         for _ in range(2):
             assert NORMAL_SCREEN.encode() in asked(screen, "\x1a")
             captures_on(recording)
+            (program,) = children_of(screen.process.pid)
             asked(screen, "bg\r")
+            # In the background it stops again, before the shell resumes it for the second time.
+            wait_until(lambda program=program: state_of(program) == "T")
             assert b"\nicanon" in asked(screen, "stty -a | tr ' ' '\\n' | grep icanon\r")
             screen.type("fg\r")
             screen.until(ROWS_TERMINAL)
@@ -240,7 +243,6 @@ def test_ctrl_z_lends_the_terminal_to_the_shell_and_the_capture_goes_on(
             asked(screen, "\x1a")
         if ends == "late kill":
             # SIGTERM comes when the pause before it resumes is over.
-            (program,) = children_of(screen.process.pid)
             os.kill(program, signal.SIGCONT)
             time.sleep(0.03)
             os.kill(program, signal.SIGSTOP)
