@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC
@@ -22,7 +23,7 @@ from textual.driver import Driver
 from textual.events import Event, Key, MouseDown
 from textual.reactive import Reactive
 from textual.screen import Screen
-from textual.widgets import Footer, Input
+from textual.widgets import Input
 
 from fte_sniff.analysis.feed import FeedUpdate
 from fte_sniff.analysis.findings import Cause, Finding
@@ -51,7 +52,7 @@ from fte_sniff.tui.notes import NotesControl
 from fte_sniff.tui.options import DEFAULTS, Choices, StartOptions
 from fte_sniff.tui.pages import Context, Page, Pane
 from fte_sniff.tui.parts import Parts
-from fte_sniff.tui.status import LINE, StatusLine, TitleLine, badge_text, mode_of
+from fte_sniff.tui.status import LINE, KeyLine, StatusLine, TitleLine, badge_text, mode_of
 from fte_sniff.tui.streams import StreamsPage
 from fte_sniff.tui.strip import LOW, MotorStrip, strip_text
 from fte_sniff.tui.table import RowTable, TableHeader
@@ -126,7 +127,6 @@ class SniffApp(App[None]):
         self.view.set_filter(options.row_filter)
         self._compose_parts()
         self.typed = TypedKeys(self)
-        self._available: tuple[object, ...] = ()
         self._asked: tuple[object, ...] = ()
         self._drawn: tuple[object, ...] = ()
         """What the user asked for and what came, as of the last drawing of the motors."""
@@ -134,7 +134,7 @@ class SniffApp(App[None]):
         self._span = Span(0, 0, None, None)
         self._states: Sequence[MotorState] = ()
         self._searched, self._examiner = -1, Examiner(self.view.store)
-        self._recording_since_ns: int | None = None
+        self._began_ns = self.now_ns()
         self._reported = set[tuple[Cause, str, int | None]]()
         """Topics of the findings that go on, which are or were shown in a line."""
         self._bind_keys()
@@ -162,7 +162,7 @@ class SniffApp(App[None]):
             yield self.pane
         yield self.status
         yield self.line
-        yield Footer(compact=True, show_command_palette=False)
+        yield KeyLine(compact=True, show_command_palette=False)
 
     def get_default_screen(self) -> Screen[None]:
         """The screen without keys of its own."""
@@ -368,7 +368,7 @@ class SniffApp(App[None]):
         self.language = choice_after(self.language, list(LANGUAGES))
         switch_language(self.language)
         self._bind_keys()
-        self._asked = self._available = ()
+        self._asked = ()
         self._header.refresh()
         self.status.inform(_("the language is English"))
 
@@ -591,18 +591,13 @@ class SniffApp(App[None]):
         self._show_due_ns = self.now_ns() + NEWS_NS[0]
         viewport, state = self.table.viewport, self.view.state
         mode = mode_of(state, at_end=viewport.following)
-        if state.recording is not None and state.running and self._recording_since_ns is None:
-            self._recording_since_ns = self.now_ns()
-        since_ns = self.now_ns() - (self._recording_since_ns or self.now_ns())
+        since_ns = self.now_ns() - self._began_ns
         self.title_line.show(state, badge_text(state, mode, viewport.below), since_ns / 1e9)
         self.notes.show()
         self.status.show(self._numbers())
         self.table.empty_text = self._empty_text()
         self._show_motors()
-        available = tuple(self.check_action("command", (run,)) for run in COMMANDS)
-        if available != self._available:
-            self._available = available
-            self.refresh_bindings()
+        self.refresh_bindings()
 
     def _look_at_finding(self) -> None:
         """Look at the chosen finding, its first row under the cursor, or at that of the rows."""
@@ -742,6 +737,8 @@ def run_screen(feed: ItemFeed, options: StartOptions = DEFAULTS) -> int:
     failed, which it has then reported. Raises FteSniffError if the feed failed; the terminal is
     restored.
     """
+    gc.freeze()  # what is loaded stays
+    gc.set_threshold(50_000)  # a search for cycles is not free, and there are few
     app = SniffApp(feed, options)
     try:
         app.run()

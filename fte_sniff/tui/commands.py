@@ -90,7 +90,7 @@ MOVE: Final = (
     Command("left,h", "app.aside(-1)", "columns to the left"),
     Command("right,l", "app.aside(1)", "columns to the right"),
     _anywhere("tab", "app.next_part", "motors, table, pane: the next has the keys"),
-    _rows("colon", "goto.ask", "go to a row (1200), 50%, a time (12:00:03.5), +2s, @byte"),
+    _rows("colon", "goto.ask", "go to a row (1200), 50%, a time (12:00:03.5), +2s"),
 )
 FIND: Final = (
     Command("f", "filters.ask", "filter the rows: motor = 1 AND rpm > 500", "Filter"),

@@ -6,7 +6,6 @@ import asyncio
 import os
 import re
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -56,13 +55,6 @@ def write_copy(text: str) -> Path | None:
     except (OSError, FileError):
         return None
     return path
-
-
-def _short_path(path: Path) -> str:
-    """The path with `~` for the home folder."""
-    with suppress(ValueError, RuntimeError):
-        return f"~/{path.relative_to(Path.home())}"
-    return str(path)
 
 
 class Export:
@@ -120,7 +112,7 @@ class Export:
         form = _("copied {what}") if file is None else _("copied to {file}: {what}")
         if file is not None and os.environ.get("TMUX"):
             form = _("copied to {file}; tmux passes it on with `set -g set-clipboard on`: {what}")
-        self._status.inform(form.format(what=first, file=_short_path(file) if file else ""))
+        self._status.inform(form.format(what=first, file=file))
 
     def ask(self) -> None:
         """Ask for the file to which the selected rows, or all shown rows, are saved."""

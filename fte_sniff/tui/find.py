@@ -25,7 +25,6 @@ Goal: TypeAlias = "Callable[[View, Row, tzinfo], int | str]"
 
 _NUMBER: Final = re.compile(r"[0-9][0-9_,]*")
 _SHARE: Final = re.compile(r"([0-9]{1,3}(?:\.[0-9]*)?) ?%", re.ASCII)
-_OFFSET: Final = re.compile(r"@ ?(0[xX][0-9a-fA-F]{1,16}|[0-9][0-9_,]{0,20})", re.ASCII)
 
 
 def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
@@ -39,8 +38,6 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
     if match := _SHARE.fullmatch(text):
         share = min(1.0, float(match[1]) / 100)
         return lambda view, _row, _zone: round(share * (view.shown.count - 1))
-    if match := _OFFSET.fullmatch(text):
-        return partial(_of_byte, int(match[1].replace(",", "").replace("_", ""), 0))
     if (t_ns := time_ns(text, zone)) is not None:
         return partial(_of_time, text, lambda _row_ns, _zone: t_ns)
     if (clock := clock_time(text)) is not None:
@@ -51,25 +48,11 @@ def parse_goal(text: str, zone: tzinfo = UTC) -> Goal:
         )
     raise InputTextError(
         _(
-            "{text} is not a row (1200), a share (50%), a time (12:00:03.5, 20:00+08:00),"
-            " a distance (+2s, -50ms) or a byte (@8190)",
+            "{text} is not a row (1200), a share (50%), a time (12:00:03.5, 20:00+08:00)"
+            " or a distance (+2s, -50ms)",
             text=shortened(text),
         )
     )
-
-
-def _of_byte(offset: int, view: View, row: Row, _zone: tzinfo) -> int | str:
-    """The row that has a byte of the stream of the cursor's row."""
-
-    def has(rows: Rows) -> Bools:
-        own: Bools = rows.port == rows.ports.index(row.port)
-        own &= (rows.offset <= offset) & (offset < rows.offset + rows.length)
-        return own
-
-    index = view.shown.find(has, -1, 1)
-    if index is None:
-        return _("no row that is shown has byte {offset:,} of its stream", offset=offset)
-    return view.shown.position_of(index)
 
 
 def _of_time(
@@ -89,14 +72,14 @@ def _of_time(
 
 
 class Goto:
-    """Goes to a row, a share, a byte, a time or a distance."""
+    """Goes to a row, a share, a time or a distance."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts, self._view, self._table = parts, parts.view, parts.table
 
     def ask(self) -> None:
         """Ask where to go."""
-        example = "1200, 50%, 12:00:03.5, +2s, -50ms, @8190"
+        example = "1200, 50%, 12:00:03.5, +2s, -50ms"
         self._parts.line.ask(Question(later("go to"), example, parse_goal, self.accept))
 
     def accept(self, line: str) -> None:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from datetime import UTC, timedelta, tzinfo
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
 
 from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
+from textual.binding import Binding
+from textual.screen import Screen
 from textual.timer import Timer
-from textual.widgets import Static
+from textual.widgets import Footer, Static
 
 from fte_sniff.analysis.feed import FeedState
 from fte_sniff.errors import printable, size_text
@@ -218,3 +220,16 @@ class StatusLine(Static):
             self.tooltip = warnings[-1] if is_warning else None
             is_one = line is self._numbers
             self.update(line, layout=not is_one or self.size.height != 1)
+
+
+class KeyLine(Footer):
+    """The keys that work now; composed again only where these have changed."""
+
+    _shown: Sequence[Binding] = ()
+
+    def bindings_changed(self, screen: Screen[Any]) -> None:
+        """Show the keys that work now."""
+        shown = [one.binding for one in screen.active_bindings.values() if one.binding.show]
+        if shown != self._shown and self.app.app_focus:
+            self._shown = shown
+            super().bindings_changed(screen)

@@ -17,13 +17,13 @@ from rich.text import Text
 from fte_sniff.analysis.filter.terms import quoted
 from fte_sniff.analysis.relations import NAMES_MOTOR, AnswerState
 from fte_sniff.analysis.table import EMPTY, Table
-from fte_sniff.errors import listed, printable
+from fte_sniff.errors import printable
 from fte_sniff.formats.cell_text import UNKNOWN, fit, fit_right, rate_text
 from fte_sniff.formats.looks import LOOKS
 from fte_sniff.i18n import _, later
 from fte_sniff.protocol.rows import fault_bits
 from fte_sniff.protocol.spec import KINDS, Fault, FrameKind, Status, status_of
-from fte_sniff.tui.cells import event_words, short_kind, span_text, value_parts
+from fte_sniff.tui.cells import short_kind, span_text, value_parts
 from fte_sniff.tui.pages import Context, ListPage
 from fte_sniff.tui.painter import PLAIN, REVERSED
 
@@ -209,7 +209,7 @@ def _line(texts: Sequence[str], columns: Sequence[tuple[_Column, int]]) -> str:
 
 
 def _port_lines(table: Table, context: Context) -> Iterator[Text]:
-    """Rows, use of the line, faults and events of each port."""
+    """Rows, use of the line, and faults of each port."""
     palette = context.palette
     for port in table.rows.ports:
         own = table.frame.filter(pl.col("port") == port)
@@ -227,10 +227,3 @@ def _port_lines(table: Table, context: Context) -> Iterator[Text]:
             if count := own.filter(pl.col("faults") & bit != 0).height:
                 text = f"  {LOOKS[status].mark} {fault} {count:,}"
                 yield Text(text, palette.statuses[status])
-        events = [
-            f"{_(event_words(kind))} {count:,}"
-            for (name, kind), count in context.view.events.items()
-            if name == port
-        ]
-        if events:
-            yield Text(f"  {_('port events: {events}', events=_(listed(events)))}", palette.muted)

@@ -209,7 +209,7 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
             if painter != self._header.painter:
                 self._header.painter = painter
                 self._header.refresh()
-            self.refresh()
+            self.refresh(self.scrollable_size.region)
 
     def _draw_bar(self) -> None:
         """Draw the scroll bar, where its thumb has moved by an eighth of a cell."""
@@ -328,10 +328,6 @@ class RowTable(ScrollView, can_focus=True, inherit_bindings=False):
             if not isinstance(line_filter, ANSIToTruecolor):  # all colours are true
                 lines = [line.apply_filter(line_filter, background) for line in lines]
         return [line.crop(crop.x, crop.right) for line in lines]
-
-    def render_line(self, y: int) -> Strip:
-        """A line of the window."""
-        return self._strip(y, self.rich_style, self._painter)
 
     def _strip(self, y: int, base: Style, painter: Painter) -> Strip:
         """A row, an event, a blank line, or the text of an empty table."""

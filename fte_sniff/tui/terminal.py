@@ -6,10 +6,12 @@ This is the only module that uses what Textual does not document.
 from __future__ import annotations
 
 import os
+import re
 import select
 import signal
 import sys
 from contextlib import suppress
+from functools import lru_cache
 from time import monotonic
 from typing import Any, Final, TextIO, cast
 
@@ -18,6 +20,42 @@ from textual.drivers.linux_driver import LinuxDriver
 
 CLOSE_WITHIN_S: Final = 2.0
 """How long the end waits for a terminal that accepts nothing, seconds."""
+
+
+_STYLE: Final = re.compile(r"(\x1b\[0m(?:\n|\x1b\[\d+;\d+H)*)?\x1b\[([1-9][\d;]*)m( +(?=\x1b))?")
+"""The end of a style and moves of the cursor, the next style, and blanks that are all of it."""
+
+_PART: Final = re.compile(r"[34]8;(?:2(?:;\d+){3}|5;\d+)|\d+")
+"""A colour, or an attribute."""
+
+_ON_BLANKS: Final = {"4", "7", "9"}
+"""The attributes that blanks show: lines, and reversed colours."""
+
+
+def condensed(frame: str) -> str:
+    """The frame without what a style has in common with the style before it."""
+    style = ""
+
+    def change(found: re.Match[str]) -> str:
+        nonlocal style
+        moves, after, blanks = (one or "" for one in found.groups())
+        changed, style = _change(style if moves else "", after, is_blank=bool(blanks))
+        return f"{moves[4:]}{changed}{blanks}"
+
+    return _STYLE.sub(change, frame)
+
+
+@lru_cache(1 << 12)
+def _change(before: str, after: str, *, is_blank: bool) -> tuple[str, str]:
+    """What changes one style into another, and what it then is; blanks need only their ground."""
+    old, new = ({one[:2]: one for one in _PART.findall(style)} for style in (before, after))
+    if is_blank and "48" in new and not _ON_BLANKS & (old.keys() | new.keys()):
+        new = old | {"48": new["48"]}
+    style = ";".join(new.values())
+    if not old.keys() <= new.keys():
+        return f"\x1b[0;{style}m", style  # an attribute ends
+    parts = [one for one in new.values() if one not in old.values()]
+    return f"\x1b[{';'.join(parts)}m" if parts else "", style
 
 
 class TimedOutput:
@@ -40,7 +78,7 @@ class TimedOutput:
 
     def flush(self) -> None:
         """Write the frame; may block."""
-        data = "".join(self._texts).encode(self._encoding, "replace")
+        data = condensed("".join(self._texts)).encode(self._encoding, "replace")
         self._texts.clear()
         self._began_s = began_s = monotonic()
         while data:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -112,8 +111,6 @@ class View:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         """The earliest and the latest time of a row."""
-        self.events = Counter[tuple[str, PortEventKind]]()
-        """Port events by port and kind."""
         self._bauds: dict[str, int] = {}
         self._feed = feed
         self._newest_at_ns = 0
@@ -156,7 +153,6 @@ class View:
             self.store.append(update.rows.select(slice(done, None)))
         for event in update.events:
             self.store.append(event)
-            self.events[event.port, event.kind] += max(1, event.count)
             if event.kind in _PLACED:
                 self.shown.place(event, self.store.index_at(event.t_ns))
 

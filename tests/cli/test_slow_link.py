@@ -17,8 +17,8 @@ LINK_BYTES_S = 11_520
 
 PIECE = 128
 
-ANSWERED_BYTES = 2 * LINK_BYTES_S
-"""Most bytes until a key has an answer: those of the two seconds that are promised."""
+ANSWERED_BYTES = 3 * LINK_BYTES_S // 2
+"""Most bytes until a key has an answer: those of three quarters of the two seconds."""
 
 ANSWERS = (
     (" ", "SCROLLED"),

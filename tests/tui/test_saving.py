@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from threading import Thread
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.ansi import AnsiDecoder
+from rich.color import ColorSystem
+from rich.style import Style
 
 from fte_sniff.protocol.items import Change, Gap, GapKind, PortEvent, PortEventKind
 from fte_sniff.protocol.spec import Status
@@ -14,7 +20,7 @@ from fte_sniff.recording.reader import Recording
 from fte_sniff.tui import terminal
 from fte_sniff.tui.app import SniffApp
 from fte_sniff.tui.painter import DARK, LIGHT, Palette
-from fte_sniff.tui.terminal import TimedOutput
+from fte_sniff.tui.terminal import TimedOutput, condensed
 from tests.tui.conftest import (
     NOON_NS,
     PORT,
@@ -132,6 +138,41 @@ def test_output_is_slow_for_as_long_as_its_last_frame_took() -> None:
         assert len(far.read(1_000_000)) == 1_000_000
         frame.join(BOUND_S)
         wait_until(lambda: not output.is_slow)
+
+
+COLOURS = st.none() | st.sampled_from(["#96a0ac", "#121212", "color(9)", "red"])
+FLAGS = st.sampled_from([None, True])
+STYLES = st.builds(
+    Style, color=COLOURS, bgcolor=COLOURS, bold=FLAGS, dim=FLAGS, underline=FLAGS, reverse=FLAGS
+)
+TEXTS = st.sampled_from(["  ", "a", "a ", "\n\x1b[3;1H", "\x1b[7;80H"])
+
+
+@given(st.lists(st.tuples(STYLES, TEXTS), min_size=8, max_size=8))
+def test_condensed_frame_looks_the_same(segments: list[tuple[Style, str]]) -> None:
+    frame = "".join(
+        text if "\x1b" in text else style.render(text, color_system=ColorSystem.TRUECOLOR)
+        for style, text in segments
+    )
+    assert seen(condensed(frame)) == seen(frame)
+    assert len(condensed(frame)) <= len(frame)
+
+
+def seen(frame: str) -> list[object]:
+    """Moves, characters, and what a terminal shows of their styles; blanks have no colour."""
+    found, style = list[object](), Style.null()
+    for codes, move, character in re.findall(r"\x1b\[([\d;]*)m|(\n|\x1b\[\d+;\d+H)|(.)", frame):
+        if move:
+            found.append(move)
+        elif character:
+            is_ground = character == " " and not (style.underline or style.reverse)
+            found.append((character, style.bgcolor if is_ground else style))
+        else:
+            text = AnsiDecoder()
+            text.style = style
+            list(text.decode(f"\x1b[{codes}m"))
+            style = text.style
+    return found
 
 
 def test_only_one_module_uses_what_textual_does_not_document() -> None:
