@@ -127,14 +127,17 @@ def row_before(keys: Ints, runs: Runs) -> Ints:
         return found
     number = (runs["number"][at] - runs["number"][0]).astype(np.int64)
     groups = number * (int(keys.max()) + 1) + keys[at]
-    # Numpy sorts numbers of 16 bits in linear time.
-    is_small = int(groups.max()) < 1 << 16
-    order = at[np.argsort(groups.astype(np.uint16) if is_small else groups, kind="stable")]
-    same = (keys[order[1:]] == keys[order[:-1]]) & (
-        runs["number"][order[1:]] == runs["number"][order[:-1]]
-    )
-    found[order[1:][same]] = order[:-1][same]
+    order = _sorting(groups)
+    same = np.flatnonzero(np.diff(groups[order]) == 0)
+    found[at[order[same + 1]]] = at[order[same]]
     return found
+
+
+def _sorting(keys: Ints) -> Ints:
+    """The indices that sort numbers from 0 on; those of equal ones rise."""
+    # Numpy sorts numbers of 16 bits in linear time.
+    is_small = int(keys.max(initial=0)) < 1 << 16
+    return np.argsort(keys.astype(np.uint16) if is_small else keys, kind="stable")
 
 
 def stream_keys(rows: Rows) -> Ints:
@@ -147,9 +150,9 @@ def stream_keys(rows: Rows) -> Ints:
 def last_of(keys: Ints, count: int = 1) -> Ints:
     """The indices of the last ones, at most `count`, of each key that is not below 0."""
     at = np.flatnonzero(keys >= 0)
-    order = np.argsort(keys[at], kind="stable")
-    own = keys[at][order]
-    return at[order[np.searchsorted(own, own, "right") - np.arange(len(own)) <= count]]
+    order = at[_sorting(keys[at])]
+    later = np.append(keys[order[count:]], np.full(count, NONE))[: len(order)]
+    return order[np.flatnonzero(later != keys[order])]
 
 
 def port_keys(rows: Rows) -> Ints:
@@ -190,23 +193,23 @@ def answers(rows: Rows, runs: Runs) -> pl.DataFrame:
     ends = np.concatenate([np.append(own, count)[1:] for own in of_motors])
     ends, cmds = np.minimum(ends, run_ends), rows.raw[:, CMD_OFFSET][at]
     # The first feedback with the motor and the CMD behind each command, by a sorted key of all.
-    size, keys = count + 1, rows.nums.astype(np.int64) << 8 | rows.raw[:, CMD_OFFSET]
-    came = np.sort(keys[feedback] * size + feedback)
-    wanted = (motors << 8 | cmds) * size + at
-    next_ = np.append(came, -1)[np.searchsorted(came, wanted)]
-    answer = np.where(next_ // size == wanted // size, next_ % size, count)
+    keys = rows.nums.astype(np.int64) << 8 | rows.raw[:, CMD_OFFSET]
+    by_key = feedback[_sorting(keys[feedback])]
+    came, own_keys = keys[by_key] * (count + 1) + by_key, (motors << 8 | cmds) * (count + 1)
+    next_ = np.append(came, 2**62)[np.searchsorted(came, own_keys + at)]
+    answer = np.minimum(next_ - own_keys, count)
     t_ns, came_ns = rows.t_ns[at], np.append(rows.t_ns, NO_TIME)[answer]
     delays, timed = came_ns - t_ns, (came_ns != NO_TIME) & (t_ns != NO_TIME)
     is_answered = (answer < ends) & ~(timed & (delays > DEADLINE_NS))
     latest = np.maximum.accumulate(rows.t_ns)[run_ends - 1] if count else t_ns
     overdue = (ends < run_ends) | ((t_ns != NO_TIME) & (latest - t_ns > DEADLINE_NS))
-    own = runs[at]
-    is_covered, missing = own["feedback_seen"] & ~own["lost"], overdue & np.isin(cmds, ANSWERABLE)
+    seen, lost, hidden = (runs[name][at] for name in ("feedback_seen", "lost", "hidden"))
+    is_covered, missing = seen & ~lost, overdue & np.isin(cmds, ANSWERABLE)
     state = np.full(len(at), AnswerState.UNKNOWN)
     state[missing & is_covered] = AnswerState.UNANSWERED
     state[missing & ~is_covered] = AnswerState.UNCOVERED
     state[is_answered] = AnswerState.ANSWERED
-    state[own["hidden"]], is_answered[own["hidden"]] = AnswerState.HIDDEN, False
+    state[hidden], is_answered[hidden] = AnswerState.HIDDEN, False
     has_delay = is_answered & timed & (delays >= 0)
     return pl.DataFrame(
         {
@@ -301,9 +304,8 @@ def _asked_motors(rows: Rows, runs: Runs, frames: Ints, at: Ints) -> Ints:
 # The facts of rows
 
 
-def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame | None = None) -> Rows:
-    """The rows with the columns of `rows.FACTS`; `found` are their `answers`, if known."""
-    found = answers(rows, runs) if found is None else found
+def with_facts(rows: Rows, runs: Runs, found: pl.DataFrame) -> Rows:
+    """The rows with the columns of `rows.FACTS`; `found` are their `answers`."""
     before = row_before(stream_keys(rows), runs)
     previous = np.where(before == NONE, NO_FACT, rows.payloads[before] if len(rows) else before)
     unanswered, answer_ns = np.full(len(rows), NO_FACT), np.full(len(rows), NO_FACT)

@@ -16,6 +16,7 @@ import polars as pl
 
 from fte_sniff.analysis.relations import (
     DEADLINE_NS,
+    NONE,
     last_of,
     port_keys,
     runs_of,
@@ -168,10 +169,10 @@ def context_of(table: Table) -> Ints:
     number = table.runs["number"][:stop]
     needed = np.arange(len(table.rows)) >= recent
     needed[np.searchsorted(number, number[-1:])] = True
-    for some in (None, table.selected):
-        at = np.arange(stop) if some is None else np.flatnonzero(some[:stop])
-        for keys in (stream_keys(rows), port_keys(rows)):
-            needed[at[last_of(keys[at], FRAMES_BEFORE)]] = True
+    for keys in (stream_keys(rows), port_keys(rows)):
+        needed[last_of(keys, FRAMES_BEFORE)] = True
+        if table.selected is not None:
+            needed[last_of(np.where(table.selected[:stop], keys, NONE), FRAMES_BEFORE)] = True
     return np.flatnonzero(needed)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
@@ -25,10 +24,9 @@ from fte_sniff.cli.streams import ending_signals, interruptible, print_err
 from fte_sniff.errors import UsageError
 from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.platform import ENDING_SIGNALS
-from fte_sniff.protocol.rows import Item
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.save import ExportSource, Write, exported, format_of, writing
+from fte_sniff.session.save import ExportSource, Write, ahead, exported, format_of, writing
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")
@@ -83,25 +81,13 @@ def command(
         reading.has_facts = written in _WITH_FACTS and not is_stream
         source = reading.source(columns)
         with _opened(written, output, source, force=force) as write:
-            for item in reading if is_stream else _ahead(iter(reading)):
+            for item in reading if is_stream else ahead(iter(reading)):
                 write(item)
             if row_filter is not None:
                 source.selections.append(Selection(row_filter.text, reading.tally.rows))
     print_notes(reading)
     print_err(summary(reading.tally, reading, zone=reading.zone))
     exit_if_unreadable(reading)
-
-
-def _ahead(items: Iterator[Item]) -> Iterator[Item]:
-    """The items; a thread reads the next one, of at most some 100,000 rows, while one is written.
-
-    Most of reading and of writing is in numpy and polars, which do not hold the interpreter's lock.
-    """
-    with ThreadPoolExecutor(1) as thread:
-        job = thread.submit(next, items, None)
-        while (item := job.result()) is not None:
-            job = thread.submit(next, items, None)
-            yield item
 
 
 _WITH_FACTS = (OutputFormat.JSONL, OutputFormat.CSV, OutputFormat.PARQUET)

@@ -163,12 +163,7 @@ span_options = all_of(
     click.option(
         "--from", "since", metavar="TIME", help=f"Only rows from this time on: {_HELP}. See --zone."
     ),
-    click.option(
-        "--to",
-        "until",
-        metavar="TIME",
-        help="Only rows before this time; as --from.",
-    ),
+    click.option("--to", "until", metavar="TIME", help="Only rows before this time; as --from."),
 )
 
 

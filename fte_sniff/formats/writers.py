@@ -10,9 +10,9 @@ import re
 from collections.abc import Sequence
 from datetime import UTC, tzinfo
 from enum import StrEnum
-from io import BytesIO, TextIOWrapper
+from io import BytesIO
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final
 
 from fte_sniff.errors import printable
 from fte_sniff.protocol.columns import COLUMN_BY_NAME, iso_time
@@ -60,20 +60,27 @@ CHOOSABLE: Final = (OutputFormat.JSONL, OutputFormat.CSV)
 """The formats whose columns can be chosen."""
 
 
-def write_jsonl(stream: TextIO, frame: pl.DataFrame, columns: Sequence[str]) -> None:
-    """Write one JSON object a row; `time` as ISO 8601 with nine digits, in UTC."""
-    lines = BytesIO()
+class _Kept(BytesIO):
+    """Keeps what is written; polars writes all lines in one piece, which is not copied."""
+
+    data = b""
+
+    def write(self, data: Any) -> int:
+        """Append the bytes."""
+        self.data += data
+        return len(data)
+
+
+def json_lines(frame: pl.DataFrame, columns: Sequence[str]) -> str | bytes:
+    """One JSON object a row, `time` as ISO 8601 with nine digits, in UTC; bytes if all is ASCII."""
+    lines = _Kept()
     frame.with_columns(time=time_texts(frame["time"])).select(columns).write_ndjson(lines)
-    data = lines.getvalue()
-    if data.isascii() and isinstance(stream, TextIOWrapper):
-        stream.flush()
-        stream.buffer.write(data)  # the bytes that polars wrote, as they are
-    else:
-        stream.write(printable_json(data.decode()))
+    data = lines.data
+    return data if data.isascii() else printable_json(data.decode())
 
 
-def write_csv(stream: TextIO, frame: pl.DataFrame, columns: Sequence[str], zone: tzinfo) -> None:
-    """Write CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
+def csv_lines(frame: pl.DataFrame, columns: Sequence[str], zone: tzinfo) -> str:
+    """CSV: `time` as ISO 8601 with nine digits, null as empty, faults joined by commas."""
     import polars as pl
 
     faults, ports = pl.col("faults"), frame["port"]
@@ -85,7 +92,7 @@ def write_csv(stream: TextIO, frame: pl.DataFrame, columns: Sequence[str], zone:
             faults.cast(pl.List(pl.String())).list.join(",")
         ),
     )
-    stream.write(texts.select(columns).write_csv(include_header=False, line_terminator="\n"))
+    return texts.select(columns).write_csv(include_header=False, line_terminator="\n")
 
 
 def time_texts(time: pl.Series, zone: tzinfo = UTC) -> pl.Series:

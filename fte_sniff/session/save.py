@@ -8,21 +8,22 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias, TypeVar
 
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
     FORMAT_BY_SUFFIX,
     OutputFormat,
-    write_csv,
-    write_jsonl,
+    csv_lines,
+    json_lines,
 )
 from fte_sniff.protocol.columns import spaced_hex
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.recording.metadata import Selection
+
+T = TypeVar("T")
 
 Write: TypeAlias = Callable[[Item], object]
 """Writes rows, or what is between them; may raise OSError and FileError."""
@@ -105,22 +108,39 @@ def text_writer(
         return TableWriter(stream, ports=len(source.ports) > 1, zone=source.zone)
     if form is OutputFormat.HEX:
         return lambda rows: stream.writelines(f"{spaced_hex(row.raw)}\n" for row in rows)
+    encode: Callable[[pl.DataFrame, Sequence[str]], str | bytes] = json_lines
     if form is OutputFormat.CSV:
         stream.write(",".join(source.columns) + "\n")
+        encode = partial(csv_lines, zone=source.zone)
 
     def write(rows: Rows) -> None:
         from fte_sniff.analysis.dataframe import table_frame
 
-        if form is OutputFormat.CSV and len(rows):
-            write_csv(stream, table_frame(rows), source.columns, source.zone)
-        elif len(rows):
-            write_jsonl(stream, table_frame(rows), source.columns)
+        parts = (rows[start : start + _AT_ONCE] for start in range(0, len(rows), _AT_ONCE))
+        for lines in ahead(encode(table_frame(part), source.columns) for part in parts):
+            if isinstance(lines, str):
+                stream.write(lines)
+            else:
+                stream.flush()
+                stream.buffer.write(lines)
 
     return write
 
 
-_AT_ONCE: Final = 1 << 15
+_AT_ONCE: Final = 1 << 14
 """Rows whose text is in memory at once, some hundred bytes each."""
+
+
+def ahead(items: Iterator[T]) -> Iterator[T]:
+    """The items; a thread makes the next one while one is used.
+
+    Most of reading and of writing is in numpy and polars, which do not hold the interpreter's lock.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        job = thread.submit(next, items, None)
+        while (item := job.result()) is not None:
+            job = thread.submit(next, items, None)
+            yield item
 
 
 @contextmanager
@@ -131,8 +151,7 @@ def _text(
     write_rows = text_writer(form, stream, source)
 
     def write(rows: Rows) -> None:
-        for start in range(0, len(rows), _AT_ONCE):
-            write_rows(rows[start : start + _AT_ONCE])
+        write_rows(rows)
         stream.flush()
 
     yield write
