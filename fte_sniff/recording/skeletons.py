@@ -242,7 +242,7 @@ class MessageDecoder:
         """
         kinds = list(dict.fromkeys(kind for kind, _ in channels.values()))
         ports = tuple(dict.fromkeys(port for _, port in channels.values()))
-        key_of, port_of = np.zeros((2, 1 << 16), np.int64)
+        key_of, port_of = np.zeros((2, messages.channels.max(initial=0) + 1), np.int64)
         for id_, (kind, port) in channels.items():
             key_of[id_], port_of[id_] = (kinds.index(kind) + 1) * LONGEST, ports.index(port)
         keys = key_of.take(messages.channels)
@@ -313,7 +313,7 @@ def at_every_byte(records: bytes | Codes, size: int) -> Array:
 def groups_of(keys: Array) -> list[Ints]:
     """The indices of each value, in order; the values rise."""
     by_key = np.argsort(keys, kind="stable")
-    cuts = np.flatnonzero(np.diff(keys[by_key])) + 1
+    cuts = np.flatnonzero(np.diff(keys[by_key]) != 0) + 1
     return np.split(by_key, cuts) if len(keys) else []
 
 
