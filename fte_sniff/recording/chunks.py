@@ -22,12 +22,12 @@ from io import BytesIO
 from typing import Any, BinaryIO, Final, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, MetadataIndex, Schema, Statistics
 from zlib_ng.zlib_ng import crc32
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
 from fte_sniff.errors import TranslatableText
 from fte_sniff.platform import read_at
@@ -180,7 +180,7 @@ def _fits(file: _Bytes, found: Contents) -> bool:
     # Bytes that were removed and inserted between may have shifted chunks.
     for one in found.chunks:
         own = HEAD.pack(Opcode.CHUNK, one.stop - one.start - HEAD.size)
-        if one.stop > file.size or file.read(one.start, one.start + HEAD.size) != own:
+        if one.stop > file.size or read_at(file.descriptor, HEAD.size, one.start) != own:
             return False
     counted = found.statistics
     if counted is None or counted.chunk_count != len(found.chunks):
@@ -338,28 +338,25 @@ def _next_chunk(file: _Bytes, start: int, end: int) -> int:
     return end
 
 
-def unpack(body: bytes | memoryview, zstd: zstandard.ZstdDecompressor) -> bytes:
+def unpack(body: bytes | memoryview, zstd: ZstdDecompressor) -> bytes:
     """The records of a chunk, which must have its checksum; raises DamagedError.
 
     To make a decompressor takes as long as to read a small chunk, so chunks of a thread share one.
     """
-    damaged = DamagedError(TranslatableText("a chunk that does not unpack"))
     try:
         _, _, size, crc, name_size = _CHUNK_HEAD.unpack_from(body)
         name = body[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_size]
         packed = memoryview(body)[_CHUNK_HEAD.size + name_size + 8 :]
-        if size > LARGEST or (
-            name == b"zstd" and zstandard.frame_content_size(packed) not in (size, -1)
-        ):
-            raise damaged
+        if size > LARGEST or (name == b"zstd" and frame_content_size(packed) not in (size, -1)):
+            raise ValueError("a chunk of another size than it claims")
         if name == b"zstd":
             records = zstd.decompress(packed, max_output_size=size)
         elif name == b"lz4":
             records = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size)
         else:
             records = bytes(packed)
-    except (struct.error, RuntimeError, EOFError, MemoryError, zstandard.ZstdError) as error:
-        raise damaged from error
+    except (struct.error, ValueError, RuntimeError, EOFError, MemoryError, ZstdError) as error:
+        raise DamagedError(TranslatableText("a chunk that does not unpack")) from error
     if len(records) != size or (crc and crc32(records) != crc):
         raise DamagedError(TranslatableText("a chunk whose checksum does not match"))
     return records
