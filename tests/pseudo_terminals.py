@@ -1,7 +1,9 @@
 """Fixtures: real pseudo-terminals, and waits with a timeout."""
 
+import fcntl
 import os
 import select
+import sys
 import termios
 import tty
 from dataclasses import dataclass, field
@@ -34,6 +36,11 @@ class Pty:
         """What the program wrote to the line."""
         ready, _, _ = select.select([self.far], [], [], wait_s)
         return os.read(self.far, 65536) if ready else b""
+
+    @property
+    def unread(self):
+        """How many bytes of the line the program can read at once."""
+        return int.from_bytes(fcntl.ioctl(self.near, termios.FIONREAD, bytes(4)), sys.byteorder)
 
     def attributes(self):
         """The terminal's settings as the program left them."""

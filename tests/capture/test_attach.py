@@ -236,7 +236,7 @@ def test_bytes_of_each_call_are_seen_or_counted(pty, call: str) -> None:
         host.does(f"data = bytes.fromhex('{data.hex()}'); file.write(data); file.flush()")
         if way == "in":
             pty.send(data)
-            host.does("import select; select.select([line], [], []); time.sleep(0.05)")
+            wait_until(lambda: pty.unread == len(data))
         host.does(code)
         wire = pty.device if way == "in" else HOST
         if way == "count":

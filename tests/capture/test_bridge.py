@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 import serial
 
-from fte_sniff.capture.bridge import DRIVER_BUFFER_BYTES, HostEnd
+from fte_sniff.capture.bridge import DRIVER_BUFFER_BYTES, REPORT_NS, HostEnd
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.source import HOST, Source
 from fte_sniff.capture.wiring import Wiring
@@ -172,13 +172,15 @@ def test_bytes_that_a_host_program_does_not_read_are_counted(bridged, pty) -> No
         while select.select([host.fileno()], [], [], 0)[0]:
             old += host.read(host.in_waiting)
         bridged.end()
-    counts = [one.count for one in bridged.events(HOST) if one.kind == "not_passed_on"]
-    assert len(old) + sum(counts) == len(sent)
+    reports = [one for one in bridged.events(HOST) if one.kind == "not_passed_on"]
+    assert len(old) + sum(one.count for one in reports) == len(sent)
     # What it reads at last is the beginning, whole, and what came when there was room again.
     first = next((n for n, (a, b) in enumerate(zip(old, sent, strict=False)) if a != b), len(old))
     assert first >= 1024
     assert old[first:] in sent[first:]
-    assert len(counts) < 5
+    # One a second, from the first byte on, and one at the end.
+    lasted_ns = reports[-1].t_ns - bridged.chunks(pty.device)[0].t_ns
+    assert len(reports) <= 2 + lasted_ns // REPORT_NS
 
 
 def test_port_that_accepts_nothing_holds_up_only_the_host_program(bridged, pty) -> None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
 
+from fte_sniff.capture import source
 from fte_sniff.capture.lasting_name import lasting_name
 from tests.beside import held
 from tests.capture.seen import Adapter, Seen, opened
 
 
 @pytest.fixture
-def adapter(tmp_path) -> Adapter:
+def adapter(tmp_path, monkeypatch) -> Adapter:
+    """An adapter, and sources that try often to connect again."""
+    monkeypatch.setattr(source, "RECONNECT_S", 0.05)
     return Adapter(tmp_path)
 
 
@@ -49,7 +52,7 @@ def test_number_of_a_pseudo_terminal_is_not_evidence(new_pty, adapter) -> None:
         before = [stranger.attributes() for stranger in strangers]
         for stranger in strangers:
             stranger.send(b"a stranger's bytes")
-        seen.wait(lambda s: s.items[-1].t_ns > lost.t_ns + 3_000_000_000)
+        seen.wait(lambda s: s.items[-1].t_ns > lost.t_ns + 500_000_000)
         assert seen.kinds() == ["opened", "lost"]
         assert [stranger.attributes() for stranger in strangers] == before
         # Behind a link that was made anew, any number is the port.
@@ -63,7 +66,7 @@ def test_port_that_another_program_holds_is_reported_once_and_awaited(new_pty, a
     adapter.plug(pty)
     with Seen(opened(adapter.name, reconnect=True)) as seen:
         adapter.pull(pty)
-        lost = seen.wait_for("lost")
+        seen.wait_for("lost")
         theirs = new_pty()
         with held(theirs.near) as user:
             before = theirs.attributes()
@@ -71,7 +74,7 @@ def test_port_that_another_program_holds_is_reported_once_and_awaited(new_pty, a
             refused = seen.wait_for("not_opened")
             assert refused.detail.startswith("it is back, but ")
             assert f"(pid {user.pid}) has it open" in refused.detail
-            seen.wait(lambda s: s.items[-1].t_ns > lost.t_ns + 4_000_000_000)
+            seen.wait(lambda s: s.items[-1].t_ns > refused.t_ns + 500_000_000)
             assert theirs.attributes() == before
         seen.wait_for("found_again")
     assert seen.kinds() == ["opened", "lost", "not_opened", "found_again", "closed"]

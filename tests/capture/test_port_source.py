@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from fte_sniff.capture import port_source as module
 from fte_sniff.capture.serial_port import open_port
 from fte_sniff.capture.simulation import Simulation, SimulationParameters
 from fte_sniff.capture.wiring import Wiring
@@ -175,8 +176,10 @@ def test_shared_port_is_read_with_its_settings_and_its_bytes_left_alone(pty) -> 
     assert event.detail == expected
 
 
-def test_program_that_opens_the_port_later_is_reported_once(pty) -> None:
+def test_program_that_opens_the_port_later_is_reported_once(pty, monkeypatch) -> None:
     """Under any name: the first one becomes another program while it has the port open."""
+    monkeypatch.setattr(module, "_SEARCH_EVERY_S", 0.1)
+    monkeypatch.setattr(module, "_SEARCH_SHARE", 1.0)
     with Seen(opened(pty.device)) as seen:
         seen.wait(lambda s: len(s.items) > 10)
         assert seen.kinds() == ["opened"]

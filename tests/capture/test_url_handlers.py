@@ -166,7 +166,7 @@ def test_commands_written_to_it_are_obeyed_however_they_are_cut(opened, until):
     framer, speeds = Framer("sim"), {}
 
     def runs():
-        for row in fed(framer, Chunk("sim", time.monotonic_ns(), port.read(port.in_waiting or 1))):
+        for row in fed(framer, Chunk("sim", time.monotonic_ns(), port.read(100))):
             assert row.framed
             speeds[row.values["motor"]] = row.values["rpm"]
         return abs(speeds.get(3, 0) - 800) <= 1
