@@ -14,6 +14,7 @@ have been held up.
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -62,8 +63,8 @@ class _Times:
     def __init__(self, byte_ns: int) -> None:
         self.byte_ns = byte_ns
         self._arrivals: list[tuple[int, int, int, int]] = []
-        """Of each chunk: the offset behind it, its time (`NO_TIME` without one), the earliest time
-        at which one of its bytes can have begun, and the time of a byte; nanoseconds."""
+        """Of each chunk: the offset behind it, its time, the earliest time at which one of its
+        bytes can have begun (both `NO_TIME` without one), and the time of a byte; nanoseconds."""
         self._size = self._floor_ns = 0
         self._silent_since: int | None = None
 
@@ -72,24 +73,29 @@ class _Times:
         before, t_ns, size = self._silent_since, chunk.t_ns, len(chunk.data)
         if size:
             self._size += size
-            byte_ns = 0 if chunk.at_once else self.byte_ns
-            known_ns = NO_TIME if t_ns is None else t_ns
-            self._arrivals.append((self._size, known_ns, self._floor_ns, byte_ns))
-            self._floor_ns = max(self._floor_ns, known_ns)
-            self._silent_since = None if t_ns is None else self._floor_ns
+            if t_ns is None:
+                self._silent_since = None
+                self._arrivals.append((self._size, NO_TIME, NO_TIME, 0))
+            else:
+                byte_ns = 0 if chunk.at_once else self.byte_ns
+                self._arrivals.append((self._size, t_ns, self._floor_ns, byte_ns))
+                self._floor_ns = self._silent_since = max(self._floor_ns, t_ns)
         if t_ns is None or before is None or (size and chunk.is_late):
             return 0
         return max(0, t_ns - size * self.byte_ns - before)
 
     def began(self, offsets: Ints) -> tuple[Ints, Ints]:
         """When the bytes at these offsets, rising, began, and how long before they were read."""
-        arrivals = np.array([*self._arrivals, (2**62, NO_TIME, 0, 0)], np.int64)
+        arrivals = np.fromiter(chain.from_iterable(self._arrivals), np.int64).reshape(-1, 4)
         of_byte = np.searchsorted(arrivals[:, 0], offsets, "right")
         stop, t_ns, floor_ns, byte_ns = arrivals[of_byte].T
         began = np.maximum(t_ns - (stop - offsets) * byte_ns, floor_ns)
-        is_known = t_ns != NO_TIME
-        delays = np.where(is_known, np.maximum(t_ns - began, 0), NO_TIME)
-        return np.where(is_known, began, NO_TIME), delays
+        return began, np.where(t_ns == NO_TIME, NO_TIME, np.maximum(t_ns - began, 0))
+
+    def first_ns(self, offset: int) -> int | None:
+        """When the first byte that was not forgotten, at this offset, began."""
+        stop, t_ns, floor_ns, byte_ns = self._arrivals[0]
+        return None if t_ns == NO_TIME else max(t_ns - (stop - offset) * byte_ns, floor_ns)
 
     def forget(self, offset: int) -> None:
         """Drop the times of the bytes before an offset."""
@@ -109,23 +115,21 @@ _RESERVES: Final = _reserves()
 _HAS_RESERVE: Final[Bools] = np.any(_RESERVES, axis=1)
 
 
-def unusual_reserves(raw: Codes, is_frame: Bools, zeros: int) -> tuple[Bools, int]:
+def unusual_reserves(raw: Codes, is_frame: Bools, zeros: int) -> tuple[Ints, int]:
     """Find frames whose reserve is not 00 although it is 00 on the rest of the line.
 
     `raw` are rows in stream order; `zeros` is the number of frames in a row with 00 before them.
-    Returns which rows are such frames, and that number after them.
+    Returns the indices of such frames, and that number after them.
     """
-    found = np.zeros(len(raw), np.bool_)
     kinds = kind_of(raw[:, 0], raw[:, CMD_OFFSET])
-    masks, words = _RESERVES.take(kinds, axis=0), raw.view("<u8")
-    is_set = (words[:, 0] & masks[:, 0] | words[:, 1] & masks[:, 1]) != 0
     at = np.flatnonzero(is_frame & _HAS_RESERVE.take(kinds))
-    if not len(at):
-        return found, zeros
+    is_set = (raw.view("<u8")[at] & _RESERVES.take(kinds[at], axis=0)).any(axis=1)
+    if not is_set.any():
+        return at[:0], min(zeros + len(at), KNOWN)
     numbers = np.arange(len(at))
-    last_set = np.maximum.accumulate(np.where(is_set[at], numbers, -1 - zeros))
+    last_set = np.maximum.accumulate(np.where(is_set, numbers, -1 - zeros))
     before = np.append(-1 - zeros, last_set[:-1])
-    found[at] = is_set[at] & (numbers - 1 - before >= KNOWN)
+    found = at[is_set & (numbers - 1 - before >= KNOWN)]
     return found, min(int(numbers[-1] - last_set[-1]), KNOWN)
 
 
@@ -162,10 +166,7 @@ class Framer:
     @property
     def pending_since_ns(self) -> int | None:
         """When the first byte that was in no row at the last `drain` began; None without one."""
-        if self._emitted == self._size:
-            return None
-        began = int(self._times.began(np.array([self._emitted]))[0][0])
-        return None if began == NO_TIME else began
+        return None if self._emitted == self._size else self._times.first_ns(self._emitted)
 
     def push(self, chunk: Chunk) -> None:
         """Take the bytes of a chunk; `drain` decides them. Never raises on wire data."""
@@ -223,6 +224,30 @@ class Framer:
 
     def _rows(self, data: Codes, found: DecidedSegments, at: int) -> Rows:
         """The rows of segments, and of the noise between them; offsets are in the data."""
+        first, count = self._emitted - self._base, len(found.start)
+        if at - first == FRAME_LENGTH * count and (found.probability >= CERTAIN).all():
+            raw = np.zeros((count, MOST_BYTES), np.uint8)
+            raw[:, :FRAME_LENGTH] = data[first:at].reshape(count, FRAME_LENGTH)
+            columns: dict[str, Array] = {"offset": found.start + self._base, "raw": raw}
+            self._emitted = at + self._base
+        else:
+            columns = self._placed(data, found, at)
+        offset = columns["offset"]
+        if not len(offset):
+            return NO_ROWS
+        t_ns, delay_ns = self._times.began(offset)
+        rows = Rows.blank(len(offset), self._ports, t_ns=t_ns, delay_ns=delay_ns, **columns)
+        unusual, self._zeros = unusual_reserves(rows.raw, rows.faults == 0, self._zeros)
+        rows.faults[unusual] |= FAULT_BITS[Fault.RESERVED_NONZERO]
+        for error in self._errors:
+            low, high = np.searchsorted(offset, error).tolist()
+            if low == 0 or offset[low - 1] + rows.length[low - 1] > error[0]:
+                low = max(0, low - 1)
+            rows.faults[low:high] |= FAULT_BITS[Fault.LINE_ERROR]
+        return rows
+
+    def _placed(self, data: Codes, found: DecidedSegments, at: int) -> dict[str, Array]:
+        """The columns of segments, and of the noise between them."""
         faults, framed, is_kept = judged(data, found)
         start, stop = found.start[is_kept], found.stop[is_kept]
         faults, framed = faults[is_kept], framed[is_kept]
@@ -232,35 +257,20 @@ class Framer:
         noise, noise_length = _cut(first, last)
         is_row, is_noise = stop > start, np.ones(len(noise), np.bool_)
         offset = np.concatenate([start[is_row], noise])
-        if not len(offset):
-            return NO_ROWS
         order = np.argsort(offset, kind="stable")
         offset = offset[order]
         length = np.concatenate([(stop - start)[is_row], noise_length])[order]
         faults = np.concatenate([faults[is_row], is_noise * FAULT_BITS[Fault.NOISE]])[order]
         framed = np.concatenate([framed[is_row], ~is_noise])[order]
         raw = _bytes_of(data, offset, length)
-        unusual, self._zeros = unusual_reserves(raw, framed & (faults == 0), self._zeros)
-        faults[unusual] |= FAULT_BITS[Fault.RESERVED_NONZERO]
-        offset = offset + self._base
-        for error in self._errors:
-            low, high = np.searchsorted(offset, error).tolist()
-            if low == 0 or offset[low - 1] + length[low - 1] > error[0]:
-                low = max(0, low - 1)
-            faults[low:high] |= FAULT_BITS[Fault.LINE_ERROR]
-        t_ns, delay_ns = self._times.began(offset)
-        return Rows.blank(
-            len(offset), self._ports, t_ns=t_ns, offset=offset, delay_ns=delay_ns,
-            length=length, faults=faults, framed=framed, raw=raw,
-        )  # fmt: skip
+        offset += self._base
+        return {"offset": offset, "length": length, "faults": faults, "framed": framed, "raw": raw}
 
 
 def _cut(first: Ints, last: Ints) -> tuple[Ints, Ints]:
     """The starts and lengths of rows of noise; every run of noise is cut each 16 bytes."""
     is_noise = last > first
     first, last = first[is_noise], last[is_noise]
-    if not len(first):
-        return first, last
     counts = -((first - last) // MOST_BYTES)
     start = ranges(first, counts, MOST_BYTES)
     return start, np.minimum(np.repeat(last, counts) - start, MOST_BYTES)
@@ -304,8 +314,6 @@ def judged(data: Codes, segments: DecidedSegments) -> tuple[Array, Bools, Bools]
     faults = np.zeros(len(segments.start), np.uint16)
     framed, is_kept = np.ones(len(faults), np.bool_), np.ones(len(faults), np.bool_)
     odd = np.flatnonzero((segments.probability < CERTAIN) & (segments.stop > segments.start))
-    if not len(odd):
-        return faults, framed, is_kept
     start, stop = segments.start[odd], segments.stop[odd]
     length = stop - start
     headed, tailed, is_ten = IS_HEADER[data[start]], data[stop - 1] == TAIL, length == FRAME_LENGTH

@@ -26,8 +26,8 @@ import numpy as np
 
 from fte_sniff.protocol.candidates import LEGAL, LONGEST
 from fte_sniff.protocol.gap import DecidedSegments, Gaps, divide
-from fte_sniff.protocol.rows import NO_KIND, Bools, Codes, Ints, kind_of
-from fte_sniff.protocol.spec import CMD_OFFSET, FRAME_LENGTH, TAIL
+from fte_sniff.protocol.rows import Bools, Codes, Ints
+from fte_sniff.protocol.spec import FRAME_LENGTH, TAIL
 
 WIDEST: Final = 96
 """Bytes of the widest gap that is divided as a whole."""
@@ -38,26 +38,19 @@ MARGIN: Final = 2 * LONGEST
 
 _FAR: Final = 2**62
 
-_LIMITED: Final = [
-    (offset, LEGAL[:, offset].reshape(-1))
-    for offset in range(CMD_OFFSET + 1, FRAME_LENGTH - 1)
-    if not LEGAL[:, offset].all()
-]
-"""The offsets of a frame with illegal bytes, and by kind * 256 + byte whether it is legal."""
+_OFFSETS: Final = np.arange(FRAME_LENGTH)[:, None]
+_TABLES: Final = _OFFSETS << 8
+_LEGAL_IN: Final[Codes] = np.packbits(LEGAL, axis=0)[0].reshape(-1)
+"""By offset in a frame * 256 + byte: the kinds in which the byte is legal there, a bit each."""
 
 
 def strict_frames(data: Codes) -> Ints:
     """The offsets at which a complete frame begins that is legal at every byte."""
     if len(data) < FRAME_LENGTH:
         return np.empty(0, np.int64)
-    found: Ints = np.flatnonzero(data[FRAME_LENGTH - 1 :] == TAIL)
-    kinds = kind_of(data.take(found), data.take(found + CMD_OFFSET))
-    is_strict = kinds != NO_KIND
-    found, kinds = found[is_strict], kinds[is_strict].astype(np.uint16) << np.uint16(8)
-    is_strict = np.ones(len(found), np.bool_)
-    for offset, legal in _LIMITED:
-        is_strict &= legal.take(kinds | data.take(found + offset))
-    strict: Ints = found.compress(is_strict)
+    found = np.flatnonzero(data[FRAME_LENGTH - 1 :] == TAIL)
+    kinds = _LEGAL_IN.take(data.take(found + _OFFSETS) + _TABLES)
+    strict: Ints = found.compress(np.bitwise_and.reduce(kinds, axis=0) != 0)
     return strict
 
 
@@ -93,10 +86,16 @@ def segments(
     """
     strict, known = strict_frames(data), len(data) - FRAME_LENGTH
     ends = np.array(_ends(data.tobytes(), strict, state.bound, walls), np.int64)
-    next_end = np.append(ends, _FAR).take(np.searchsorted(ends, strict, "right"))
-    strict = strict[(strict >= state.bound) & (strict + FRAME_LENGTH <= next_end)]
-    joints = strict[1:][np.diff(strict) == FRAME_LENGTH]
-    bounds = np.sort(np.concatenate([[state.bound], joints, ends]))
+    strict = strict[strict.searchsorted(state.bound) :]
+    if walls:
+        next_end = np.append(ends, _FAR).take(np.searchsorted(ends, strict, "right"))
+        strict = strict[strict + FRAME_LENGTH <= next_end]
+    joints = strict[1:][strict[1:] - strict[:-1] == FRAME_LENGTH]
+    bounds = np.concatenate([[state.bound], joints, ends])
+    bound = int(bounds[-1])
+    if not walls and bound - state.at == FRAME_LENGTH * len(joints) and known - bound < WIDEST:
+        return DecidedSegments(bounds[:-1], joints, np.ones(len(joints))), State(bound, bound)
+    bounds.sort()
     contested = np.array(_in_step(bounds, strict, known), np.int64)
     bounds = np.sort(np.concatenate([bounds, contested]))
     start, stop, bound = bounds[:-1], bounds[1:], int(bounds[-1])
@@ -158,8 +157,6 @@ def _in_step(bounds: Ints, strict: Ints, known: int) -> list[int]:
 
 def _windows(start: Ints, stop: Ints, at: int, phase: int, known: int) -> Gaps:
     """The windows of gaps from an offset on; a narrow gap is one window."""
-    if not len(start):
-        return Gaps(*[start] * 4, *[start > 0] * 2)
     is_wide = stop - start > WIDEST
     core = np.maximum(start, at)
     core -= (core + phase) % CORE * is_wide

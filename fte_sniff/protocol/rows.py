@@ -87,6 +87,8 @@ ARRAYS: Final[Mapping[str, tuple[np.dtype[Any], int]]] = {
 }
 """The numpy type and the default of each column."""
 
+_DEFAULTS: Final = {name: np.full(1, value, kind) for name, (kind, value) in ARRAYS.items()}
+
 FACTS: Final = ("answer_ns", "unanswered", "motor_hint", "previous")
 """The columns that depend on other rows."""
 
@@ -219,13 +221,13 @@ class Rows(Sequence[Row]):
 
         Unknown columns raise KeyError, those of another length ValueError.
         """
-        found = {name: np.empty(count, kind) for name, (kind, _) in ARRAYS.items()}
+        found = dict(_DEFAULTS)
         for name in ARRAYS.keys() - columns.keys():
-            found[name][...] = ARRAYS[name][1]
+            found[name] = found[name].repeat(count, axis=0)
         for name, values in columns.items():
             own = np.asarray(values, found[name].dtype)
-            if own.shape != found[name].shape:
-                raise ValueError(f"{name} has the shape {own.shape}, not {found[name].shape}")
+            if own.shape != (count, *found[name].shape[1:]):
+                raise ValueError(f"{name} has the shape {own.shape}, for {count} rows")
             found[name] = own
         return cls(found, ports)
 

@@ -15,12 +15,11 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from shutil import rmtree
-
-import numpy as np
 
 from fte_sniff.capture.clock import Clock, ClockWatch
 from fte_sniff.capture.silence import SilenceWatch
@@ -30,7 +29,7 @@ from fte_sniff.platform import HANG_UP
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk, PortEvent, PortEventKind
 from fte_sniff.protocol.rows import Rows
-from fte_sniff.protocol.spec import Direction
+from fte_sniff.protocol.spec import HEADERS, Direction
 from fte_sniff.recording.metadata import PROGRAM, PortFacts, host_facts
 from fte_sniff.recording.recorder import Recorder
 from fte_sniff.session.control import CapturePlan, CaptureState
@@ -70,7 +69,7 @@ class Wire:
     def __init__(self, name: str, baud: int, silence_s: float, uncertainty_ns: int) -> None:
         self.framer, self.lane = Framer(name, baud), Lane()
         self.silence = SilenceWatch(name, silence_s)
-        self.frames = np.zeros(len(Direction), np.int64)
+        self.frames = Counter[Direction]()
         """Valid ones so far, by direction."""
         self._uncertainty_ns = uncertainty_ns
         self._read_ns = self._now_ns = 0
@@ -95,8 +94,9 @@ class Wire:
             self.lane.put(rows)
             if rows.framed.any():
                 self.silence.frame_came()
-            codes = rows.directions[rows.framed & (rows.faults == 0)]
-            self.frames += np.bincount(codes, minlength=len(Direction))
+            headers = rows.raw[rows.faults == 0, 0].tobytes()
+            for direction, header in HEADERS.items():
+                self.frames[direction] += headers.count(header)
         next_ns = self.framer.pending_since_ns
         if next_ns is None:
             next_ns = max(self._read_ns, self._now_ns - REACH_NS)
@@ -193,21 +193,21 @@ class CaptureLoop:
         """Drain all wires, and report once that two of them carry the same direction."""
         for wire in self._wires.values():
             wire.drain()
-        settled = np.array([wire.frames >= SETTLED for wire in self._wires.values()])
-        shared = np.flatnonzero(settled.sum(axis=0) > 1)
-        if self._is_mixed or not len(shared):
-            return
-        self._is_mixed = True
-        is_one = settled[:, shared[0]]
-        first, second, *_ = (name for name, one in zip(self._wires, is_one, strict=True) if one)
-        detail = TranslatableText(
-            "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
-            "adapters on one wire; connect each adapter's RX to its own wire",
-            direction=tuple(Direction)[shared[0]],
-            other=second,
-        )
-        event = PortEvent(self._now_ns, first, PortEventKind.WIRING, detail)
-        self._wires[first].lane.put(event)
+        for direction in Direction:
+            settled = [
+                own for own, wire in self._wires.items() if wire.frames[direction] >= SETTLED
+            ]
+            if self._is_mixed or len(settled) < 2:
+                continue
+            self._is_mixed = True
+            detail = TranslatableText(
+                "{direction} frames here and on {other} too: swapped or mixed wiring, or both "
+                "adapters on one wire; connect each adapter's RX to its own wire",
+                direction=direction,
+                other=settled[1],
+            )
+            event = PortEvent(self._now_ns, settled[0], PortEventKind.WIRING, detail)
+            self._wires[settled[0]].lane.put(event)
 
     def _watch_clock(self) -> None:
         """Report a step of this machine's clock with the first port."""
