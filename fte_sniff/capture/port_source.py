@@ -59,7 +59,7 @@ def connect_port(lasting: LastingPort, clock: Clock) -> Connection:
 # Other programs at the same port
 
 _STEP_S: Final = 0.05
-_SEARCH_EVERY_S: Final = 2.0
+_SEARCH_EVERY_S: Final = 4.0
 _SEARCH_SHARE: Final = 0.005
 """Share of the time that the search for other programs takes at most."""
 

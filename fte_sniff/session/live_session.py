@@ -29,10 +29,10 @@ from fte_sniff.session.inputs import with_effects
 END_WITHIN_S = 5.0
 """Seconds without a message after which a capture that should end is killed."""
 
-WAIT_S = 0.1
+WAIT_S = 0.25
 """Seconds that one wait lasts in which Ctrl-C is noticed."""
 
-POLL_S = {True: 0.02, False: 0.2}
+POLL_S = {True: 0.02, False: 0.5}
 """Interval at which the file is polled, by whether the view shows its rows."""
 
 _KILLED = TranslatableText(
