@@ -225,6 +225,7 @@ class Framer:
     def _rows(self, data: Codes, found: DecidedSegments, at: int) -> Rows:
         """The rows of segments, and of the noise between them; offsets are in the data."""
         first, count = self._emitted - self._base, len(found.start)
+        # Whole frames without noise between, as on a clean line, are the bytes in their order.
         if at - first == FRAME_LENGTH * count and (found.probability >= CERTAIN).all():
             raw = np.zeros((count, MOST_BYTES), np.uint8)
             raw[:, :FRAME_LENGTH] = data[first:at].reshape(count, FRAME_LENGTH)

@@ -93,7 +93,9 @@ def segments(
     joints = strict[1:][strict[1:] - strict[:-1] == FRAME_LENGTH]
     bounds = np.concatenate([[state.bound], joints, ends])
     bound = int(bounds[-1])
-    if not walls and bound - state.at == FRAME_LENGTH * len(joints) and known - bound < WIDEST:
+    # On a clean line all is frames in step: most drains of a capture end here.
+    is_clean = state.at == state.bound and bound - state.at == FRAME_LENGTH * len(joints)
+    if is_clean and not walls and known - bound < WIDEST:
         return DecidedSegments(bounds[:-1], joints, np.ones(len(joints))), State(bound, bound)
     bounds.sort()
     contested = np.array(_in_step(bounds, strict, known), np.int64)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, tzinfo
@@ -136,6 +135,8 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
 
     Most of reading and of writing is in numpy and polars, which do not hold the interpreter's lock.
     """
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(1) as thread:
         job = thread.submit(next, items, None)
         while (item := job.result()) is not None:
