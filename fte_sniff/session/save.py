@@ -116,7 +116,8 @@ def text_writer(
         from fte_sniff.analysis.dataframe import table_frame
 
         parts = (rows[start : start + _AT_ONCE] for start in range(0, len(rows), _AT_ONCE))
-        for lines in ahead(encode(table_frame(part), source.columns) for part in parts):
+        frames = ahead(table_frame(part) for part in parts)
+        for lines in ahead(encode(frame, source.columns) for frame in frames):
             if isinstance(lines, str):
                 stream.write(lines)
             else:
