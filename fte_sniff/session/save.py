@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -62,11 +63,18 @@ class ExportSource:
 def writing(form: OutputFormat, stream: IO[Any], source: ExportSource) -> Iterator[Write]:
     """Write items to a stream that stays open; what the format requires at its end comes last.
 
-    A recording, pcapng and raw bytes need a binary stream; Parquet one of a file with a name.
+    Each batch is flushed, so that the reader of a pipe gets it at once. A recording, pcapng and raw
+    bytes need a binary stream; Parquet one of a file with a name.
     """
     with _FORMS.get(form, partial(_text, form))(stream, source) as write:
         takes = (Rows, PortEvent, Gap) if form is OutputFormat.MCAP else Rows
-        yield lambda item: write(item) if isinstance(item, takes) else None
+
+        def write_and_flush(item: Item) -> None:
+            if isinstance(item, takes):
+                write(item)
+                stream.flush()
+
+        yield write_and_flush
 
 
 @contextmanager
@@ -130,6 +138,9 @@ def text_writer(
 _AT_ONCE: Final = 1 << 14
 """Rows whose text is in memory at once, some hundred bytes each."""
 
+_LOCK_S: Final = 0.0005
+"""How long a thread keeps the interpreter's lock while another waits; 5 ms would idle a core."""
+
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
     """The items; a thread makes the next one while one is used.
@@ -138,6 +149,7 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
     """
     from concurrent.futures import ThreadPoolExecutor
 
+    sys.setswitchinterval(_LOCK_S)
     with ThreadPoolExecutor(1) as thread:
         job = thread.submit(next, items, None)
         while (item := job.result()) is not None:
@@ -149,14 +161,7 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
 def _text(
     form: OutputFormat, stream: TextIO, source: ExportSource
 ) -> Iterator[Callable[[Rows], None]]:
-    """Text; each batch is flushed, so that the reader of a pipe gets it at once."""
-    write_rows = text_writer(form, stream, source)
-
-    def write(rows: Rows) -> None:
-        write_rows(rows)
-        stream.flush()
-
-    yield write
+    yield text_writer(form, stream, source)
 
 
 @contextmanager
@@ -166,16 +171,9 @@ def _raw(stream: BinaryIO, _source: ExportSource) -> Iterator[Callable[[Rows], o
 
 @contextmanager
 def _pcapng(stream: BinaryIO, source: ExportSource) -> Iterator[Callable[[Rows], None]]:
-    """pcapng; each batch is flushed, so that Wireshark at a pipe gets it at once."""
     from fte_sniff.formats.pcapng import PcapngWriter
 
-    writer = PcapngWriter(stream, source.bauds)
-
-    def write(rows: Rows) -> None:
-        writer.write(rows)
-        stream.flush()
-
-    yield write
+    yield PcapngWriter(stream, source.bauds).write
 
 
 @contextmanager
