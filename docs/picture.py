@@ -135,8 +135,8 @@ class PictureApp(SniffApp):
     """The screen with the clock of its feed."""
 
     def __init__(self, capture: SimulatedFeed, language: str) -> None:
-        super().__init__(capture, StartOptions(language=language))
         self._capture = capture
+        super().__init__(capture, StartOptions(language=language))
 
     def now_ns(self) -> int:
         """The time of the feed."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from docs import picture
 from tests import screen
 from tests.in_process import user_environment
 
@@ -26,3 +27,7 @@ def test_screen(
     script: screen.Script, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     screen.play(script, tmp_path, user_environment(tmp_path_factory.mktemp("home")))
+
+
+def test_pictures_of_the_pages_can_be_made() -> None:
+    assert all(name in picture.drawn("narrow") for name in ("LIVE", "REC", "unanswered"))
