@@ -15,6 +15,10 @@ EXIT_INTERNAL = 70
 """The exit code of an error in the program, and of too little memory; `EX_SOFTWARE` of sysexits.h.
 """
 
+_SWITCH_EVERY_S = 0.0005
+"""How long a thread keeps the interpreter while another one waits for it, such as the one that
+reads a port, or encodes rows; Python's 5 ms would leave a core idle."""
+
 _SHORTAGES = (
     # A library that cannot be loaded has no error number, only the text.
     (("Too many open files",), 4, "too many open files; try `ulimit -n 4096`"),
@@ -29,6 +33,7 @@ _SHORTAGES = (
 
 def main() -> None:
     """Load and run the command line."""
+    sys.setswitchinterval(_SWITCH_EVERY_S)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     import gc
@@ -52,6 +57,7 @@ def main() -> None:
 
 def worker() -> None:
     """Load and run a capture process, see `session.control`."""
+    sys.setswitchinterval(_SWITCH_EVERY_S)
     try:
         from fte_sniff.session.capture_process import run
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, print_notes
+from fte_sniff.cli.input_files import STDIN, InputQuery, explain_no_frames, gap_text, print_notes
 from fte_sniff.cli.options import format_option
 from fte_sniff.cli.streams import print_err
 from fte_sniff.errors import FileError, TranslatableText, UsageError
@@ -89,6 +89,8 @@ def finish(*readings: InputReading, refused: bool = False) -> None:
     """Print notes about the files and exit unless all is well; `refused` means exit code 1."""
     for reading in readings:
         print_notes(reading)
+        if gaps := reading.reported_gaps:
+            print_err(f"fte-sniff: {gap_text(gaps)} left out when recorded")
         if advice := explain_no_frames(reading.tally, reading):
             print_err(f"fte-sniff: {advice}")
     if any(reading.unreadable for reading in readings):

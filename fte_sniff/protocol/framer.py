@@ -165,7 +165,7 @@ class Framer:
 
     @property
     def pending_since_ns(self) -> int | None:
-        """When the first byte that was in no row at the last `drain` began; None without one."""
+        """When the first byte that is in no row began; None without one."""
         return None if self._emitted == self._size else self._times.first_ns(self._emitted)
 
     def push(self, chunk: Chunk) -> None:

@@ -40,8 +40,8 @@ _FAR: Final = 2**62
 
 _OFFSETS: Final = np.arange(FRAME_LENGTH)[:, None]
 _TABLES: Final = _OFFSETS << 8
-_LEGAL_IN: Final[Codes] = np.packbits(LEGAL, axis=0)[0].reshape(-1)
-"""By offset in a frame * 256 + byte: the kinds in which the byte is legal there, a bit each."""
+_LEGAL_IN: Final[Codes] = np.packbits(LEGAL, axis=0).reshape(FRAME_LENGTH << 8)
+"""By offset in a frame * 256 + byte: the kinds, at most 8, in which it is legal, a bit each."""
 
 
 def strict_frames(data: Codes) -> Ints:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import os
 import signal
-import sys
 import threading
 import time
 from collections import Counter
@@ -193,11 +192,13 @@ class CaptureLoop:
         """Drain all wires, and report once that two of them carry the same direction."""
         for wire in self._wires.values():
             wire.drain()
+        if self._is_mixed:
+            return
         for direction in Direction:
             settled = [
                 own for own, wire in self._wires.items() if wire.frames[direction] >= SETTLED
             ]
-            if self._is_mixed or len(settled) < 2:
+            if len(settled) < 2:
                 continue
             self._is_mixed = True
             detail = TranslatableText(
@@ -208,6 +209,7 @@ class CaptureLoop:
             )
             event = PortEvent(self._now_ns, settled[0], PortEventKind.WIRING, detail)
             self._wires[settled[0]].lane.put(event)
+            return
 
     def _watch_clock(self) -> None:
         """Report a step of this machine's clock with the first port."""
@@ -261,10 +263,6 @@ class CaptureLoop:
         self._writing_since_s = None
 
 
-_SWITCH_EVERY_S = 0.0005
-"""Longest time that the framing thread may delay the reading thread (interpreter switch)."""
-
-
 def run() -> None:
     """Run the capture whose plan comes through standard input, see `session.control`."""
     # Unbuffered: a thread that waits for a line holds no lock at the end.
@@ -280,7 +278,6 @@ def _capture(plan: CapturePlan, received: io.FileIO, sent: io.FileIO) -> None:
     # The name that `lsof` and `fuser` show for the open port.
     with suppress(OSError):
         Path("/proc/self/comm").write_text(PROGRAM)
-    sys.setswitchinterval(_SWITCH_EVERY_S)
     clock = Clock.tied()
     try:
         source = plan.wiring.open(clock)

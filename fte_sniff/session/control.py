@@ -165,8 +165,8 @@ def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
     this process; its session is a new one, so that Ctrl-C, Ctrl-Z and a closed terminal do not
     reach it. Raises OSError if it cannot be started.
     """
-    here = os.path.realpath("")
-    path = [entry for entry in sys.path if os.path.realpath(entry) != here]
+    exists, is_same = os.path.exists, os.path.samefile  # also where a folder is closed or removed
+    path = [one for one in sys.path if exists(one) and not is_same(one, os.curdir)]
     process = subprocess.Popen(
         [sys.executable, "-P", "-c", _START, str(Path(__file__).parents[2])],
         bufsize=0,

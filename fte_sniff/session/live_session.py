@@ -189,7 +189,7 @@ class LiveSession(ItemFeed):
                 self.capture, self._received_at_s = CaptureState.parse(line), time.monotonic()
                 self._begun.set()
         if not self.capture.is_ended:
-            self.capture = self._without_result(_UNEXPECTED)
+            self.capture = self._without_result(self._killed or _UNEXPECTED)
         self._begun.set()
 
     def _kill_if_overdue(self) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -104,7 +103,8 @@ def text_writer(
 
     Args:
         form: the format; None explains each row byte by byte.
-        stream: the text stream; a table and explanations are coloured on a terminal.
+        stream: the text stream; a table and explanations are coloured on a terminal. JSON lines
+            need its `buffer`.
         source: its ports, columns and zone; a table has a column for the port if it has several.
     """
     from fte_sniff.formats.text_table import DissectionWriter, TableWriter
@@ -124,8 +124,9 @@ def text_writer(
         from fte_sniff.analysis.dataframe import table_frame
 
         parts = (rows[start : start + _AT_ONCE] for start in range(0, len(rows), _AT_ONCE))
-        frames = ahead(table_frame(part) for part in parts)
-        for lines in ahead(encode(frame, source.columns) for frame in frames):
+        then = ahead if len(rows) > _AT_ONCE else iter  # a thread costs more than few rows
+        frames = then(table_frame(part) for part in parts)
+        for lines in then(encode(frame, source.columns) for frame in frames):
             if isinstance(lines, str):
                 stream.write(lines)
             else:
@@ -136,10 +137,7 @@ def text_writer(
 
 
 _AT_ONCE: Final = 1 << 14
-"""Rows whose text is in memory at once, some hundred bytes each."""
-
-_LOCK_S: Final = 0.0005
-"""How long a thread keeps the interpreter's lock while another waits; 5 ms would idle a core."""
+"""Rows of JSON lines or CSV that are encoded together, some hundred bytes each."""
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
@@ -149,7 +147,6 @@ def ahead(items: Iterator[T]) -> Iterator[T]:
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    sys.setswitchinterval(_LOCK_S)
     with ThreadPoolExecutor(1) as thread:
         job = thread.submit(next, items, None)
         while (item := job.result()) is not None:

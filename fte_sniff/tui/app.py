@@ -14,7 +14,7 @@ from time import monotonic_ns
 from typing import Any, ClassVar, Final, TypeAlias, cast
 
 from rich.text import Text
-from textual import on
+from textual import on, work
 from textual.actions import parse
 from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import Binding, BindingType
@@ -134,7 +134,7 @@ class SniffApp(App[None]):
         self._span = Span(0, 0, None, None)
         self._states: Sequence[MotorState] = ()
         self._searched, self._examiner = -1, Examiner(self.view.store)
-        self._began_ns = self.now_ns()
+        self._began_ns, self._elapsed_ns = self.now_ns(), 0
         self._reported = set[tuple[Cause, str, int | None]]()
         """Topics of the findings that go on, which are or were shown in a line."""
         self._bind_keys()
@@ -198,8 +198,13 @@ class SniffApp(App[None]):
             await super().on_event(event)
 
     async def on_turn(self, event: Turn) -> None:
-        """Give a key to what has the focus, then to the commands."""
+        """Give a key to what has the focus, then to the commands; name one that cannot work now."""
         await super().on_event(event.key)
+        if self.line.question is None and len(self.screen_stack) == 1:
+            for command in COMMANDS.values():
+                is_its = event.key.key in command.keys.split(",")
+                if is_its and not self.check_action("command", (command.run,)):
+                    self.status.inform(_("not now: {meaning}", meaning=_(command.meaning)))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Whether a command can work now."""
@@ -220,6 +225,7 @@ class SniffApp(App[None]):
             Needs.FILTER: bool(self.filters.current),
             Needs.EARLIER: bool(self.filters.earlier),
             Needs.SEARCH: self.search.matches is not None,
+            Needs.FAULTS: any(self.view.tally.by_bits),
             Needs.SAVES: question is not None and question.saves is not None,
         }
         return all(holds for need, holds in there.items() if need in needs)
@@ -535,24 +541,21 @@ class SniffApp(App[None]):
         """Search for findings in a thread, if rows came since the last search, a while ago."""
         view, now_ns = self.view, self.now_ns()
         is_due = now_ns >= self._search_due_ns if view.state.running else view.at_rest
-        if is_due and self._searched != view.store.known and not self._examining:
+        is_busy = any(one.group == "findings" and one.is_running for one in self.workers)
+        if is_due and self._searched != view.store.known and not is_busy:
             self._searched = view.store.known
             self._search_due_ns = now_ns + FINDINGS_NS
-            self.run_worker(self._find(), group="findings", exclusive=True)
+            self._find()
 
-    @property
-    def _examining(self) -> bool:
-        return any(one.group == "findings" and one.is_running for one in self.workers)
-
+    @work(group="findings", exclusive=True)
     async def _find(self) -> None:
         search = partial(self._examiner.search, lives=self.view.lives)
         found, coverage = await asyncio.to_thread(search)
         self.findings.take(found, coverage)
-        if not self.view.state.live:
-            if found and not self.typed.began:
-                self._show(self.findings)
-        else:
+        if self.view.state.live:
             self._announce(found)
+        elif found and not self.typed.began:
+            self._show(self.findings)
         self.show_state()
 
     def _announce(self, found: Sequence[Finding]) -> None:
@@ -591,10 +594,12 @@ class SniffApp(App[None]):
         self._show_due_ns = self.now_ns() + NEWS_NS[0]
         viewport, state = self.table.viewport, self.view.state
         mode = mode_of(state, at_end=viewport.following)
-        since_ns = self.now_ns() - self._began_ns
-        self.title_line.show(state, badge_text(state, mode, viewport.below), since_ns / 1e9)
+        if state.running:
+            self._elapsed_ns = self.now_ns() - self._began_ns
+        badge = badge_text(state, mode, viewport.below)
+        self.title_line.show(state, badge, self._elapsed_ns / 1e9)
         self.notes.show()
-        self.status.show(self._numbers())
+        self.status.show(self._numbers(), chosen=bool(self.filters.current or self.search.text))
         self.table.empty_text = self._empty_text()
         self._show_motors()
         self.refresh_bindings()
@@ -622,6 +627,8 @@ class SniffApp(App[None]):
             parts.append(_("{count:,} malformed ({share})", count=malformed, share=text))
         if viewport.count and not viewport.following:
             parts.append(_("row {number:,}", number=viewport.cursor + 1))
+        if view.lives and {one.trouble for one in self._states} == {Trouble.UNKNOWN}:
+            parts.append(_("no feedback"))  # not even from a motor that is commanded
         rate = view.frames_per_s(self.now_ns())
         if rate is not None:
             parts.append(_("{rate:,.0f} frames/s", rate=rate))
@@ -664,7 +671,7 @@ class SniffApp(App[None]):
             self._times_of_trouble(),
             chosen,
         )
-        pane.draw(self._page_context())
+        pane.draw(Context(view, self._span, self._states, table, pane.room))
         case, took_ns = cursor is not None, self.now_ns() - now_ns
         self._draw_due_ns = now_ns + max(NEWS_NS[case], min(SHARE[case] * took_ns, 3 * NEWS_NS[0]))
 
@@ -680,21 +687,6 @@ class SniffApp(App[None]):
             found = [one for one in near if one.first_ns <= now_ns < one.last_ns + OVER_NS]
         latest = sorted(found, key=lambda one: -one.first_ns)
         return {one.motor: one.first_ns for one in latest if one.motor}
-
-    def _page_context(self) -> Context:
-        table = self.table
-        return Context(
-            self.view,
-            self._span,
-            self._states,
-            table.cursor_row,
-            table.cursor_index,
-            self.table.viewport.following,
-            table.palette,
-            table.look.shown_zone,
-            table.field,
-            self.pane.room,
-        )
 
     # Messages of the parts
 

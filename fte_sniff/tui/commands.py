@@ -36,6 +36,8 @@ class Needs(Flag):
     EARLIER = auto()
     """Something else was shown before."""
     SEARCH = auto()
+    FAULTS = auto()
+    """A row is not `ok`."""
     SAVES = auto()
     """The command line is open, and what is typed can have a name."""
     ANYWHERE = auto()
@@ -101,7 +103,7 @@ FIND: Final = (
     Command("slash", "search.ask", "find bytes (hex:AA ?? 03), a word, or a filter", "Search"),
     Command("n", "search.again(1)", "the next match", "Next", Needs.SEARCH),
     Command("N", "search.again(-1)", "the previous match", "", Needs.SEARCH),
-    _rows("e", "find.row('fault', 1)", "the next row with a fault", "Fault"),
+    Command("e", "find.row('fault', 1)", "the next row with a fault", "Fault", Needs.FAULTS),
     _rows("E", "find.row('fault', -1)", "the previous row with a fault"),
     _rows("a", "find.row('raised', 1)", "the next raised ERROR or ONLINE"),
     _rows("A", "find.row('raised', -1)", "the previous raised ERROR or ONLINE"),

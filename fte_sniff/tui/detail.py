@@ -61,7 +61,8 @@ class DetailPage(Page):
 
     def text(self, context: Context) -> Text:
         """Heading, what it belongs to, its fields, and the bytes around it."""
-        row, index, palette = context.row, context.index, context.palette
+        table = context.table
+        row, index, palette = table.cursor_row, table.cursor_index, table.palette
         if row is None or index is None:
             return Text(_("no row"))
         signs, style = Table.grid(padding=(0, 1)), palette.statuses[row.status]
@@ -104,7 +105,7 @@ def _answer_text(one: Answered, context: Context) -> str:
 
 def _heading(row: Row, context: Context) -> Text:
     name = row.kind.name if row.kind else _("unknown frame") if row.framed else _("damage")
-    time = _("no time") if row.t_ns is None else iso_time(row.t_ns, context.zone)
+    time = _("no time") if row.t_ns is None else iso_time(row.t_ns, context.table.look.shown_zone)
     position = _(
         "offset {offset:,}  {length} bytes  {port}",
         offset=row.offset,
@@ -112,7 +113,7 @@ def _heading(row: Row, context: Context) -> Text:
         port=printable(row.port),
     )
     return Text.assemble(
-        (name, context.palette.statuses[row.status] + BOLD), f"  {time}  {position}"
+        (name, context.table.palette.statuses[row.status] + BOLD), f"  {time}  {position}"
     )
 
 
@@ -126,14 +127,14 @@ def _with_turns(field: ExplainedField, pulses_per_turn: float | None) -> Explain
 
 def _fields(row: Row, context: Context) -> Table:
     """Sign, bytes, name, value and meaning of each field; with the meaning, its fault and bits."""
-    palette, table = context.palette, Table.grid(padding=(0, 1, 0, 0))
+    palette, table = context.table.palette, Table.grid(padding=(0, 1, 0, 0))
     table.add_column(no_wrap=True)
     table.add_column(max_width=_HEX_WIDTH)
     for number, field in enumerate(dissect(row)):
         field = _with_turns(field, context.view.pulses_per_turn)
         status = status_of((field.fault,)) if field.fault else Status.OK
         style = palette.statuses[status]
-        own = style + REVERSED + UNDERLINED if number == context.field else style
+        own = style + REVERSED + UNDERLINED if number == context.table.field else style
         value = f"{field.value}  {''.join('01'[bit.is_set] for bit in reversed(field.bits))}"
         texts = (
             Text(_(field.meaning), palette.muted),
@@ -178,7 +179,7 @@ def bytes_around(context: Context, row: Row, index: int) -> Iterator[Text]:
     for first in range(max(0, start) // per_line * per_line, stop, per_line):
         offsets = range(first, first + per_line)
         if any(one in found for one in offsets):
-            yield _dump_line(offsets, found, starts, own, context.palette)
+            yield _dump_line(offsets, found, starts, own, context.table.palette)
 
 
 def _dump_line(

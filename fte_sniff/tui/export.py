@@ -132,6 +132,7 @@ class Export:
 
     def accept(self, line: str) -> None:
         """Save the rows to a file."""
+        self._status.inform("")
         if not line:
             return
         try:

@@ -123,11 +123,12 @@ class Filters:
         if row is None:
             return
         others = cell_filters(row)
+        choices = sorted(others, key=lambda one: not one.startswith(("kind ", "motor ")))
 
         def accept(line: str) -> None:
             self.add(others.get(line, line) if hides else line)
 
-        question = Question(label, "motor = 1", parse_filter, accept, choices=[*others])
+        question = Question(label, "motor = 1", parse_filter, accept, choices=choices)
         self._parts.line.ask(question)
 
     def _suggest(self, line: str) -> list[str]:

@@ -50,11 +50,11 @@ class FindingsPage(ListPage[Finding]):
 
     def text(self, context: Context) -> Text:
         """The findings, and what could not be examined."""
-        palette, table = context.palette, Table.grid(padding=(0, 2, 0, 0))
+        palette, table = context.table.palette, Table.grid(padding=(0, 2, 0, 0))
         wrong = palette.statuses[Status.MALFORMED]
         for number, one in enumerate(self.listed):
             is_chosen = number == self.at
-            sign, when = ">" if is_chosen else " ", span_of(one, context.zone)
+            sign, when = ">" if is_chosen else " ", span_of(one, context.table.look.shown_zone)
             look = REVERSED if is_chosen else palette.muted
             table.add_row(sign, Text(when, look), Text(_(one.text), wrong), style=self.meta(number))
         remarks = (Text(_(one), palette.muted) for one in self.coverage)

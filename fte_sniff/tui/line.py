@@ -30,7 +30,7 @@ class Question:
     accept: Callable[[str], None]
     """Acts on a valid line, which may be empty."""
     suggest: Callable[[str], Sequence[str]] = lambda _line: ()
-    """Whole lines that continue a line, the best first."""
+    """Whole lines that continue a line, or that it is the name of, the best first."""
     choices: Sequence[str] = ()
     """Lines from which one is chosen by `up` and `down`; the first is there from the start."""
     saves: Callable[[str], None] | None = None
@@ -127,8 +127,9 @@ class CommandLine(Horizontal):
         question, line = self.question, self.input.value
         if question is None or not line or question.choices:
             return []
-        found = [*question.suggest(line), *self._earlier.get(question.label, [])[::-1]]
-        return [one for one in dict.fromkeys(found) if one.startswith(line) and one != line]
+        earlier = self._earlier.get(question.label, [])[::-1]
+        found = [*question.suggest(line), *(one for one in earlier if one.startswith(line))]
+        return [one for one in dict.fromkeys(found) if one != line]
 
     @on(Input.Changed)
     def _on_changed(self, event: Input.Changed) -> None:

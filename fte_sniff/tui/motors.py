@@ -80,7 +80,7 @@ class _Drawing:
 
     @property
     def palette(self) -> Palette:
-        return self.context.palette
+        return self.context.table.palette
 
     def curves(self, motor: int, name: str, columns: int) -> Curves:
         """Target and feedback of a quantity."""
@@ -148,10 +148,11 @@ class MotorsPage(Page):
         store, finding = context.view.store, context.view.finding
         length = self._plotted_ns(context)
         end_ns, last = now_ns, _("now")
-        if finding is not None:  # in the middle
-            end_ns = (finding.first_ns + finding.last_ns + length) // 2
-        if finding is not None or not (context.following and context.view.lives):
-            last = clock_text(end_ns, 3, context.zone)
+        latest_ns = context.view.last_ns or now_ns
+        if finding is not None:  # in the middle, unless the rows end before
+            end_ns = min((finding.first_ns + finding.last_ns + length) // 2, latest_ns)
+        if finding is not None or not (context.table.viewport.following and context.view.lives):
+            last = clock_text(end_ns, 3, context.table.look.shown_zone)
         plotted = (end_ns - length, end_ns + 1)
         start = max(0, store.index_at(plotted[0]) - AROUND)
         end = context.span.end if finding is None else store.index_at(plotted[1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import tzinfo
 from typing import ClassVar, Final, Generic, TypeVar
 
 from rich.console import Console, Group, RenderableType
@@ -20,8 +19,7 @@ from textual.widgets import Static
 
 from fte_sniff.analysis.motors import MotorState
 from fte_sniff.i18n import _
-from fte_sniff.protocol.rows import Row
-from fte_sniff.tui.painter import Palette
+from fte_sniff.tui.table import RowTable
 from fte_sniff.tui.view import Span, View
 
 LINE: Final = "line"
@@ -41,15 +39,8 @@ class Context:
     span: Span
     states: Sequence[MotorState]
     """The motors at the end of the span."""
-    row: Row | None
-    index: int | None
-    """The cursor's row, and its index."""
-    following: bool
-    palette: Palette
-    zone: tzinfo
-    """Zone of the table's times of day."""
-    field: int | None
-    """Number in `dissect` of the field that the user looks at in the row."""
+    table: RowTable
+    """It has the cursor's row, and how rows look."""
     size: Size
     """Cells for the text."""
 
@@ -160,8 +151,8 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
 
     def _reveal(self, text: Text) -> None:
         """Scroll until the chosen line can be seen."""
-        styles = ((span.start, span.style) for span in text.spans)
-        chosen = next((at for at, one in styles if _is_chosen(one)), None)
+        styles = ((one.start, one.style) for one in text.spans if isinstance(one.style, Style))
+        chosen = next((at for at, style in styles if style.meta.get(CHOSEN)), None)
         if chosen is not None:
             at, height = text.plain[:chosen].count("\n"), self.size.height
             if not self.scroll_y <= at < self.scroll_y + height - 1:
@@ -191,7 +182,3 @@ class Pane(VerticalScroll, can_focus=False, inherit_bindings=False):
             self.post_message(self.Changed())
             if event.chain == 2:
                 await self.run_action("app.command('app.open')")
-
-
-def _is_chosen(style: Style | str) -> bool:
-    return isinstance(style, Style) and bool(style.meta.get(CHOSEN))

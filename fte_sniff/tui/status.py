@@ -131,15 +131,16 @@ class StatusLine(Static):
         """Answers so far."""
         self.asks = False
         """Whether the answer is a question, which the same key confirms."""
-        self._answer, self._numbers = "", Text()
+        self._answer, self._numbers, self._beside = "", Text(), ""
         self._warnings: dict[Hashable, str] = {}
         """By topic, the newest last; shown until esc."""
         self._states: dict[Hashable, str] = {}
         """By topic; shown while they last."""
         self._expiry: Timer | None = None
 
-    def show(self, parts: Sequence[Text]) -> None:
-        """Show numbers, as many as fit."""
+    def show(self, parts: Sequence[Text], *, chosen: bool = False) -> None:
+        """Show numbers, as many as fit; the first also beside a warning, if the user chose it."""
+        self._beside = f"   {parts[0]}" if chosen else ""
         line = Text(" ").append_text(parts[0])
         for part in parts[1:]:
             if line.cell_len + part.cell_len + 3 > self.size.width:
@@ -213,6 +214,7 @@ class StatusLine(Static):
         if is_warning:
             others = len(warnings) - 1
             more = _(" (esc: {count:,} more)", count=others) if others else ""
+            more += self._beside
             line = Text(f" ! {fit(warnings[-1], self.size.width - 3 - cell_len(more))}{more}")
         elif text := self._answer or next(reversed(self._states.values()), ""):
             line = Text(f" i {text}")

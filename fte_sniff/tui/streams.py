@@ -116,9 +116,9 @@ COLUMNS: Final = (
     _Column(later("port"), 12, lambda one, _width: printable(one.port), False),
     _Column(later("frames"), 9, lambda one, _width: f"{one.frames:,}"),
     _Column(later("rate"), 8, lambda one, _width: rate_text(one.per_s)),
+    _Column(later("unanswered"), 10, lambda one, _width: _count(one.unanswered)),
     _Column(later("Δt 50 %"), 8, lambda one, _width: span_text(one.p50_ns)),
     _VALUES,
-    _Column(later("unanswered"), 10, lambda one, _width: _count(one.unanswered)),
     _Column(later("answer"), 8, lambda one, _width: span_text(one.answer_ns)),
     _Column(later("Δt 99 %"), 8, lambda one, _width: span_text(one.p99_ns)),
 )
@@ -159,7 +159,7 @@ class StreamsPage(ListPage[Stream]):
     def text(self, context: Context) -> Text:
         """The table, and lines about each port."""
         self._count(context)
-        width, palette = context.size.width, context.palette
+        width, palette = context.size.width, context.table.palette
         several = len(context.view.store.ports) > 1
         columns = _fitting(width, several=several)
         lines = [Text(_line([_(column.head) for column, _w in columns], columns), palette.muted)]
@@ -210,7 +210,7 @@ def _line(texts: Sequence[str], columns: Sequence[tuple[_Column, int]]) -> str:
 
 def _port_lines(table: Table, context: Context) -> Iterator[Text]:
     """Rows, use of the line, and faults of each port."""
-    palette = context.palette
+    palette = context.table.palette
     for port in table.rows.ports:
         own = table.frame.filter(pl.col("port") == port)
         line = Text(printable(port), "bold")

@@ -28,12 +28,15 @@ _STYLE: Final = re.compile(r"(\x1b\[0m(?:\n|\x1b\[\d+;\d+H)*)?\x1b\[([1-9][\d;]*
 _PART: Final = re.compile(r"[34]8;(?:2(?:;\d+){3}|5;\d+)|\d+")
 """A colour, or an attribute."""
 
-_ON_BLANKS: Final = {"4", "7", "9"}
+_ON_BLANKS: Final = {"4", "7", "9", "21", "53"}
 """The attributes that blanks show: lines, and reversed colours."""
 
 
 def condensed(frame: str) -> str:
-    """The frame without what a style has in common with the style before it."""
+    """The frame without what a style has in common with the style before it.
+
+    Each style ends with one reset, as rich writes it, and the frame begins outside of a style.
+    """
     style = ""
 
     def change(found: re.Match[str]) -> str:

@@ -38,6 +38,7 @@ from tests.cli.processes import (
     wait_until,
     wire,
 )
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.rfc2217_server import DTR_OFF, DTR_ON, RTS_OFF, RTS_ON, serving
 from tests.slow import first
@@ -614,3 +615,24 @@ def test_killed_strace_and_a_target_that_ends_are_one_line_and_cost_no_row(
     rows = decoded(run, "x.mcap")
     assert {row["raw"] for row in rows} == {FRAME.hex().upper()}
     assert len(rows) == (4 if killed == "strace" else 2)
+
+
+@pytest.mark.terminal
+def test_the_screen_of_a_capture_of_some_rows_ends_without_a_warning(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    errors = tmp_path / "errors.txt"
+    command = ("live", "sim://?rate=1000", "--no-record", "--count", "2000")
+    with terminal(environment, tmp_path, *command, errors=errors) as screen:
+        assert screen.ended() == 0
+    assert "Warning" not in errors.read_text()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a folder in use cannot be removed there")
+def test_a_capture_starts_in_a_folder_that_was_removed(environment, tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    command = ("live", "sim://", "--plain", "--count", "3", "-o", f"{tmp_path / 'x.mcap'}")
+    removed = "import os; os.chdir('gone'); os.rmdir('../gone')"
+    done = Program(removed).run(command, b"", tmp_path, environment)
+    assert done.code == 0, done.errors
+    assert rows_in(tmp_path / "x.mcap") == 3

@@ -122,6 +122,10 @@ def test_the_end_of_a_capture_is_reported(feed: ListFeed) -> None:
         assert "ended: the port is gone" in page(app)
         assert "ENDED" in page(app)
         assert "to stop recording" not in page(app)
+        app._began_ns -= 60 * 10**9  # a minute later
+        app.show_state()
+        await settle(app)
+        assert "recorded 0:00:0" in lines(app)[0]
 
     play(feed, scenario)
 
