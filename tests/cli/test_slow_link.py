@@ -28,7 +28,7 @@ ANSWERS = (
     ("k", "SCROLLED"),
     ("G", "LIVE"),
     ("f", " filter "),
-    ("\x1b", "Fault"),
+    ("\x1b", "Streams"),
 )
 """Keys, and what answers them."""
 
