@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from datetime import UTC, timedelta, tzinfo
 from enum import StrEnum
 from typing import Any, Final
@@ -10,7 +10,6 @@ from typing import Any, Final
 from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
-from textual.binding import Binding
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Footer, Static
@@ -225,13 +224,23 @@ class StatusLine(Static):
 
 
 class KeyLine(Footer):
-    """The keys that work now; composed again only where these have changed."""
+    """The keys that work now, as many as fit; composed again only where these have changed."""
 
-    _shown: Sequence[Binding] = ()
+    _shown: Sequence[object] = ()
+
+    def compose(self) -> Iterator[Any]:
+        """The first keys, none of them cut."""
+        left = self.app.size.width + 1
+        key: Any
+        for key in super().compose():
+            left -= cell_len(f"{key.key_display} {key.description} ")
+            if left >= 0:
+                yield key
 
     def bindings_changed(self, screen: Screen[Any]) -> None:
         """Show the keys that work now."""
-        shown = [one.binding for one in screen.active_bindings.values() if one.binding.show]
+        keys = [one.binding for one in screen.active_bindings.values() if one.binding.show]
+        shown = [self.app.size, *keys]
         if shown != self._shown and self.app.app_focus:
             self._shown = shown
             super().bindings_changed(screen)

@@ -114,6 +114,22 @@ def test_the_footer_has_only_keys_that_work(feed: ListFeed) -> None:
     play(feed, scenario, (140, 24))
 
 
+@pytest.mark.parametrize("width", [40, 60, 80])
+def test_no_key_in_the_footer_is_cut(feed: ListFeed, width: int) -> None:
+    feed.give([*speed_rows(9), noise(9, 1)])
+    shorts = tuple(one.short for one in COMMANDS.values() if one.short)
+
+    async def scenario(app: SniffApp) -> None:
+        for keys in ("", "f 'motor = 1' enter", "slash 'speed' enter", "F g"):
+            await press(app, keys)
+            await settle(app)
+            footer = lines(app)[app.query_one(Footer).region.y]
+            assert footer.endswith(shorts), footer
+            assert len(footer) > width - 20
+
+    play(feed, scenario, (width, 24))
+
+
 async def click(app: SniffApp, widget: Widget, at: tuple[int, int], times: int) -> None:
     await Pilot(app).click(widget, offset=at, times=times)
     await settle(app)
