@@ -133,16 +133,18 @@ _REPEAT_S = 1.0
 def interruptible(numbers: Sequence[signal.Signals] = (signal.SIGINT,)) -> Iterator[None]:
     """Context in which the first of some signals raises KeyboardInterrupt, to remove partial files.
 
-    Other signals than SIGINT then end the program as they do without this context. A second signal
-    ends it at once and silently. A signal that has a handler, or is ignored, is left alone.
+    Other signals than SIGINT then end the program as they do without this context. A second signal,
+    which may be the bounce of a key, does nothing; a third one ends the program at once and
+    silently. A signal that has a handler, or is ignored, is left alone.
     """
     own = [one for one in numbers if signal.getsignal(one) is signal.SIG_DFL]
     received = list[int]()
 
     def interrupt(number: int, _frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)
         received.append(number)
-        raise KeyboardInterrupt
+        if len(received) == 1:
+            raise KeyboardInterrupt
+        signal.signal(number, signal.SIG_DFL)
 
     for one in own:
         signal.signal(one, interrupt)

@@ -192,13 +192,11 @@ class CaptureLoop:
         """Drain all wires, and report once that two of them carry the same direction."""
         for wire in self._wires.values():
             wire.drain()
-        if self._is_mixed:
-            return
         for direction in Direction:
             settled = [
                 own for own, wire in self._wires.items() if wire.frames[direction] >= SETTLED
             ]
-            if len(settled) < 2:
+            if self._is_mixed or len(settled) < 2:
                 continue
             self._is_mixed = True
             detail = TranslatableText(
@@ -209,7 +207,6 @@ class CaptureLoop:
             )
             event = PortEvent(self._now_ns, settled[0], PortEventKind.WIRING, detail)
             self._wires[settled[0]].lane.put(event)
-            return
 
     def _watch_clock(self) -> None:
         """Report a step of this machine's clock with the first port."""

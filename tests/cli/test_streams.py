@@ -14,6 +14,7 @@ import pytest
 from fte_sniff.cli.streams import NOT_BEGUN
 from tests.cli.conftest import ROOT, SAMPLES
 from tests.cli.processes import BOUND_S, PROGRAM, ended, started, wait_until
+from tests.cli.program import Program
 from tests.cli.terminals import terminal
 from tests.slow import crossed, first
 
@@ -269,3 +270,25 @@ def test_too_many_open_files_are_one_line(bash, limit: int, command: str) -> Non
         assert last.startswith("fte-sniff: ")
         assert "too many open files" in last.lower()
         assert "Traceback" not in errors
+
+
+TWICE = """
+import os, signal
+from fte_sniff.cli.streams import interruptible
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+with interruptible():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        os.kill(os.getpid(), signal.SIGINT)
+        print("removed", flush=True)
+        os.kill(os.getpid(), signal.SIGINT)
+        print("not reached", flush=True)
+"""
+
+
+def test_a_second_signal_does_not_keep_a_part_of_an_output_and_a_third_one_ends_at_once(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    done = Program().run((), b"", tmp_path, environment, TWICE)
+    assert (done.output, done.code) == (b"removed\n", -signal.SIGINT)
