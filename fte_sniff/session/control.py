@@ -165,8 +165,10 @@ def start(plan: CapturePlan) -> subprocess.Popen[bytes]:
     this process; its session is a new one, so that Ctrl-C, Ctrl-Z and a closed terminal do not
     reach it. Raises OSError if it cannot be started.
     """
-    exists, is_same = os.path.exists, os.path.samefile  # also where a folder is closed or removed
-    path = [one for one in sys.path if exists(one) and not is_same(one, os.curdir)]
+    # The folder may have been removed, and has no name then; of one that is closed, os.path.exists
+    # is False, and raises no error.
+    found = filter(os.path.exists, sys.path)
+    path = [one for one in found if not os.path.samefile(one, os.curdir)]  # noqa: PTH121
     process = subprocess.Popen(
         [sys.executable, "-P", "-c", _START, str(Path(__file__).parents[2])],
         bufsize=0,

@@ -123,6 +123,7 @@ class Filters:
         if row is None:
             return
         others = cell_filters(row)
+        # Rows have the kind and the motor of many others, but hardly ever the time of one.
         choices = sorted(others, key=lambda one: not one.startswith(("kind ", "motor ")))
 
         def accept(line: str) -> None:

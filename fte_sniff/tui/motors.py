@@ -148,8 +148,8 @@ class MotorsPage(Page):
         store, finding = context.view.store, context.view.finding
         length = self._plotted_ns(context)
         end_ns, last = now_ns, _("now")
-        latest_ns = context.view.last_ns or now_ns
         if finding is not None:  # in the middle, unless the rows end before
+            latest_ns = context.view.last_ns or now_ns
             end_ns = min((finding.first_ns + finding.last_ns + length) // 2, latest_ns)
         if finding is not None or not (context.table.viewport.following and context.view.lives):
             last = clock_text(end_ns, 3, context.table.look.shown_zone)

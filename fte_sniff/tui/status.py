@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from datetime import UTC, timedelta, tzinfo
 from enum import StrEnum
+from itertools import accumulate, islice
 from typing import Any, Final
 
 from rich.cells import cell_len
 from rich.style import Style
 from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Footer, Static
@@ -212,8 +215,7 @@ class StatusLine(Static):
         line = self._numbers
         if is_warning:
             others = len(warnings) - 1
-            more = _(" (esc: {count:,} more)", count=others) if others else ""
-            more += self._beside
+            more = (_(" (esc: {count:,} more)", count=others) if others else "") + self._beside
             line = Text(f" ! {fit(warnings[-1], self.size.width - 3 - cell_len(more))}{more}")
         elif text := self._answer or next(reversed(self._states.values()), ""):
             line = Text(f" i {text}")
@@ -226,21 +228,19 @@ class StatusLine(Static):
 class KeyLine(Footer):
     """The keys that work now, as many as fit; composed again only where these have changed."""
 
-    _shown: Sequence[object] = ()
+    _shown: tuple[Sequence[Binding], int] = (), 0
 
-    def compose(self) -> Iterator[Any]:
+    def compose(self) -> ComposeResult:
         """The first keys, none of them cut."""
-        left = self.app.size.width + 1
-        key: Any
-        for key in super().compose():
-            left -= cell_len(f"{key.key_display} {key.description} ")
-            if left >= 0:
-                yield key
+        keys, width = self._shown
+        texts = {one.action: f"{self.app.get_key_display(one)} {one.description}" for one in keys}
+        ends = accumulate(cell_len(f"{text} ") for text in texts.values())
+        return islice(super().compose(), sum(end <= width + 1 for end in ends))
 
     def bindings_changed(self, screen: Screen[Any]) -> None:
         """Show the keys that work now."""
         keys = [one.binding for one in screen.active_bindings.values() if one.binding.show]
-        shown = [self.app.size, *keys]
+        shown = keys, self.app.size.width
         if shown != self._shown and self.app.app_focus:
             self._shown = shown
             super().bindings_changed(screen)

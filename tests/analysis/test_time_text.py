@@ -115,7 +115,6 @@ def test_unknown_zone_is_refused(text: str) -> None:
         zone_of(text)
 
 
-@pytest.mark.skipif(not hasattr(time, "tzset"), reason="needs tzset, which Windows lacks")
 @given(t_ns=st.integers(0, 2**62))
 def test_local_zone_is_that_of_the_machine(t_ns: int) -> None:
     """Also in the hour that comes twice when summer time ends."""

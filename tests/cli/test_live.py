@@ -628,7 +628,6 @@ def test_the_screen_of_a_capture_of_some_rows_ends_without_a_warning(
     assert "Warning" not in errors.read_text()
 
 
-@pytest.mark.skipif(os.name == "nt", reason="a folder in use cannot be removed there")
 def test_a_capture_starts_in_a_folder_that_was_removed(environment, tmp_path: Path) -> None:
     (tmp_path / "gone").mkdir()
     command = ("live", "sim://", "--plain", "--count", "3", "-o", f"{tmp_path / 'x.mcap'}")
