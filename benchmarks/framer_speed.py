@@ -19,6 +19,7 @@ from random import Random
 from time import process_time
 
 from benchmarks.rival_decoders import with_construct, with_kaitai, with_pattern, with_state_machine
+from fte_sniff.capture.source import BATCH_S
 from fte_sniff.protocol.framer import Framer
 from fte_sniff.protocol.items import Chunk
 from fte_sniff.protocol.spec import DEFAULT_BAUD, VALUE_FIELDS, byte_time_ns
@@ -103,7 +104,7 @@ def growth(sizes: list[int]) -> None:
 
 
 def live() -> None:
-    """The framer's share of a core on two wires at line rate, drained 25 times a second.
+    """The framer's share of a core on two wires at line rate, drained as a capture does.
 
     Reads have 1 to 16 bytes.
     """
@@ -127,7 +128,7 @@ def live() -> None:
         print(f"live, {share:.0%} {payload}: {2 * used / line:.2%} of a core for two wires")
 
 
-DRAIN_NS = 40_000_000
+DRAIN_NS = int(BATCH_S * 1e9)
 """Time between two drains of a live line."""
 
 

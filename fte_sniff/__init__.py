@@ -21,6 +21,7 @@ below it; capture, recording, formats and analysis do not import each other:
     errors     the exceptions and their exit codes; messages that can be translated
     i18n       translation: the screen, the report, and errors in the language of the user
     platform   what this system has, and Windows lacks
+    ahead      a thread that makes the next items while one is used
     real_number   a number as a type of an option; nan is not one
 
 Three rules hold everywhere. Every received byte is in exactly one row, in order, and damage is

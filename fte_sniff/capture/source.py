@@ -79,7 +79,7 @@ _TICK_S: Final = 0.05
 """Time between empty chunks while a lost port is awaited."""
 _HELD_UP_NS: Final = 250_000_000
 """Time between two reads that shows that the reader did not run: it waits much shorter."""
-BATCH_S: Final = 0.04
+BATCH_S: Final = 0.05
 """Seconds in which the items of a batch gather: waking for each takes longer than processing it."""
 _MOST_BATCH: Final = 2**18
 """Bytes after which a batch is full and the next one follows at once: a consumer with a backlog
@@ -139,7 +139,7 @@ class Source:
         self.close()
 
     def __iter__(self) -> Iterator[list[Received]]:
-        """Yield what came, 25 times a second, until all has ended."""
+        """Yield what came, 20 times a second, until all has ended."""
         with self:
             while True:
                 is_over = self.is_over  # first: what is put before the end is still yielded

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import click
 
+from fte_sniff.ahead import ahead
 from fte_sniff.cli.input_files import (
     STDIN,
     InputQuery,
@@ -26,7 +27,7 @@ from fte_sniff.formats.writers import TEXT_FORMATS, OutputFormat
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.recording.metadata import Selection
 from fte_sniff.recording.output_file import Existing
-from fte_sniff.session.save import ExportSource, Write, ahead, exported, format_of, writing
+from fte_sniff.session.save import ExportSource, Write, exported, format_of, writing
 
 
 @grouped_command(name="decode", short_help="Files to a table, JSON lines, CSV, Parquet or MCAP.")

@@ -13,7 +13,6 @@ import os
 import re
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,6 +28,7 @@ from mcap.records import Channel
 from mcap.well_known import MessageEncoding
 from zstandard import ZstdDecompressor
 
+from fte_sniff.ahead import ahead
 from fte_sniff.errors import FileError, TranslatableText, listed, unreadable
 from fte_sniff.platform import is_locked, read_at
 from fte_sniff.protocol.items import Gap, GapKind, PortEvent
@@ -71,8 +71,8 @@ from fte_sniff.recording.skeletons import (
 
 BATCH: Final = 2 * 1024 * 1024
 """Unpacked bytes of a batch, about; a chunk of more than half of them is not copied into one."""
-_AHEAD: Final = 2
-"""Batches that a thread unpacks before their turn."""
+_SPAN: Final = 2 * BATCH
+"""Bytes of the file that a batch begins in; they are read at once, also what lies between."""
 _MOST_TOPICS: Final = 10
 _MOST_LOSSES: Final = 10
 _MOST_SCANNED: Final = 4 * 1024 * 1024
@@ -221,18 +221,10 @@ class Recording:
         lost = {one for one in self.contents.lost if one.start not in starts}
         lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
         groups = [*_groups(sorted([*within, *lost], key=lambda one: one.start))]
-        jobs: deque[tuple[_Group, Future[list[Messages | LostBytes]]]] = deque()
-        with ThreadPoolExecutor(1) as threads, self._open() as file:
-            if len(groups) == 1:  # the new chunks of a file that grows; a thread takes longer
-                own = groups.pop()
-                yield from span.within(self._items_of(own, _unpacked(file.fileno(), own)))
-            for group in groups:
-                jobs.append((group, threads.submit(_unpacked, file.fileno(), group)))
-                if len(jobs) > _AHEAD:
-                    own, job = jobs.popleft()
-                    yield from span.within(self._items_of(own, job.result()))
-            for own, job in jobs:
-                yield from span.within(self._items_of(own, job.result()))
+        then = ahead if len(groups) > 1 else iter  # a file that grows has one new group
+        with self._open() as file:
+            for own, parts in then((own, _unpacked(file.fileno(), own)) for own in groups):
+                yield from span.within(self._items_of(own, parts))
 
     def grow(self, *, is_over: bool = False) -> list[ChunkRef]:
         """The chunks that another program added since the previous call.
@@ -421,30 +413,35 @@ def _type_of(name: str, data: bytes) -> MessageType:
 
 
 def _groups(chunks: _Group) -> Iterator[_Group]:
-    """Consecutive chunks of a batch, and the lost bytes between them."""
+    """Consecutive chunks of a batch, near each other, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
-    spans = zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
-    for _, own in groupby(spans, lambda span: (span[0] // BATCH, span[0] * (2 * span[1] > BATCH))):
-        yield [one for *_, one in own]
+    keys = [
+        (before // BATCH, before * (2 * size > BATCH), one.start // _SPAN)
+        for before, size, one in zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
+    ]
+    for _, own in groupby(zip(keys, chunks, strict=True), itemgetter(0)):
+        yield [one for _, one in own]
 
 
 def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
     """Read and unpack chunks, in a thread; those of a batch together, if nothing is lost."""
     zstd = ZstdDecompressor()
-    parts = [_read(descriptor, one, zstd) for one in group]
+    start = min((one.start for one in group), default=0)
+    stop = max((one.stop for one in group if isinstance(one, ChunkRef)), default=start)
+    data = memoryview(read_at(descriptor, stop - start, start))
+    parts = [_read(data[one.start - start : one.stop - start], one, zstd) for one in group]
     whole = [part for part in parts if not isinstance(part, LostBytes)]
     if len(whole) == len(parts) and (found := _tiled(b"".join(whole))) is not None:
         return [found]
     return [_messages_in(*pair) for pair in zip(group, parts, strict=True)]
 
 
-def _read(descriptor: int, one: ChunkRef | LostBytes, zstd: ZstdDecompressor) -> bytes | LostBytes:
-    """Read and unpack the records of a chunk."""
+def _read(data: memoryview, one: ChunkRef | LostBytes, zstd: ZstdDecompressor) -> bytes | LostBytes:
+    """Unpack the records of a chunk."""
     if isinstance(one, LostBytes):
         return one
-    start = one.start + HEAD.size
     try:
-        return unpack(read_at(descriptor, one.stop - start, start), zstd)
+        return unpack(data[HEAD.size :], zstd)
     except DamagedError as error:
         return LostBytes(one.start, one.stop, error.args[0])
 

@@ -14,8 +14,9 @@ from datetime import UTC, tzinfo
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias, TypeVar
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, TextIO, TypeAlias
 
+from fte_sniff.ahead import ahead
 from fte_sniff.errors import FileError, UsageError
 from fte_sniff.formats.writers import (
     ALL_COLUMNS,
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     import polars as pl
 
     from fte_sniff.recording.metadata import Selection
-
-T = TypeVar("T")
 
 Write: TypeAlias = Callable[[Item], object]
 """Writes rows, or what is between them; may raise OSError and FileError."""
@@ -138,20 +137,6 @@ def text_writer(
 
 _AT_ONCE: Final = 1 << 14
 """Rows of JSON lines or CSV that are encoded together, some hundred bytes each."""
-
-
-def ahead(items: Iterator[T]) -> Iterator[T]:
-    """The items; a thread makes the next one while one is used.
-
-    Most of reading and of writing is in numpy and polars, which do not hold the interpreter's lock.
-    """
-    from concurrent.futures import ThreadPoolExecutor
-
-    with ThreadPoolExecutor(1) as thread:
-        job = thread.submit(next, items, None)
-        while (item := job.result()) is not None:
-            job = thread.submit(next, items, None)
-            yield item
 
 
 @contextmanager

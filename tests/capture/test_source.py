@@ -69,7 +69,7 @@ def test_items_come_in_order_between_opened_and_closed(line: Line) -> None:
     assert list(chain.from_iterable(seen.source)) == []
 
 
-def test_batches_gather_for_40_ms_unless_one_is_full(line: Line, monkeypatch) -> None:
+def test_batches_gather_for_50_ms_unless_one_is_full(line: Line, monkeypatch) -> None:
     source = source_of(line)
     began_s, batches = time.monotonic(), iter(source)
     for _ in range(6):

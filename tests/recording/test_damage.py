@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -202,6 +204,42 @@ def test_chunks_that_are_shifted_behind_a_whole_index_are_read(tmp_path: Path) -
     assert len(rows) == len(one.rows) - len(one.chunks[first, [*one.chunks][2][1]]) - len(
         one.chunks[last, end]
     )
+
+
+@pytest.mark.parametrize("last", [7, 500])
+def test_a_shift_among_many_chunks_costs_those_that_it_hits(last: int, tmp_path: Path) -> None:
+    """A short one may be missed where the chunks are compared with the index."""
+    path, rows = tmp_path / "x.mcap", rows_from(some_rows(1000))
+    with RecordingWriter(path, [FIRST]) as writer:
+        for number in range(len(rows)):
+            writer.write(rows[number : number + 1])
+            writer.flush(waits=False)
+    starts, altered = heads_of(path.read_bytes(), Opcode.CHUNK), bytearray(path.read_bytes())
+    altered[starts[last] + 80 : starts[last] + 80] = bytes(7)
+    del altered[starts[5] + 60 : starts[5] + 67]
+    path.write_bytes(altered)
+    found = found_in(path)
+    lost = {*range(5, last + 1)} if last == 7 else {5, last}
+    assert found.rows == [row for number, row in enumerate(rows) if number not in lost]
+    assert found.reports
+
+
+def test_bytes_of_others_between_chunks_are_not_read(tmp_path: Path) -> None:
+    one, path, size = recorded("under way"), tmp_path / "x.mcap", 1 << 24
+    starts = [at for at, _ in one.chunks]
+    with path.open("wb") as file:
+        for start, stop in pairwise([0, *starts[1:], len(one.content)]):
+            file.write(one.content[start:stop])
+            if stop in starts:
+                file.write(HEAD.pack(0xF1, size))
+                file.seek(size, os.SEEK_CUR)
+    tracemalloc.start()
+    try:
+        found = found_in(path)
+        assert tracemalloc.get_traced_memory()[1] < size // 4
+    finally:
+        tracemalloc.stop()
+    assert found.rows == one.rows
 
 
 def test_a_chunk_is_found_wherever_long_damage_ends(tmp_path: Path) -> None:
