@@ -37,7 +37,7 @@ from fte_sniff.protocol.columns import zone_at
 from fte_sniff.protocol.dissect import dissect
 from fte_sniff.protocol.spec import Status
 from fte_sniff.session.feeds import ItemFeed
-from fte_sniff.tui.cells import TimeStyle
+from fte_sniff.tui.cells import TableView, TimeStyle
 from fte_sniff.tui.commands import COMMANDS, FOOTER, Needs
 from fte_sniff.tui.detail import DetailPage
 from fte_sniff.tui.examine import Examiner
@@ -143,7 +143,8 @@ class SniffApp(App[None]):
     def _compose_parts(self) -> None:
         options, view = self._options, self.view
         self._header, self.status, self.title_line = TableHeader(), StatusLine(), TitleLine()
-        self.table = RowTable(view, self._header, options.choices.view)
+        look = TableView(choice=options.choices.columns)
+        self.table = RowTable(view, self._header, look)
         self.strip, self.line, self.pane = MotorStrip(), CommandLine(), Pane()
         self.findings, self.motors, self.streams = FindingsPage(), MotorsPage(), StreamsPage()
         pages: tuple[Page, ...] = (DetailPage(), self.motors, self.streams, self.findings)

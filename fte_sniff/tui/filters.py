@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.analysis.filter.terms import both, cell_filters, completions
 from fte_sniff.errors import InputTextError, listed
 from fte_sniff.i18n import _, later
@@ -13,16 +14,8 @@ from fte_sniff.tui.line import Question
 from fte_sniff.tui.parts import Parts
 
 if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
     from fte_sniff.analysis.findings import Finding
     from fte_sniff.tui.pages import Page
-
-
-def parse_filter(line: str) -> RowFilter:
-    """Parse a filter; raises FilterError if the line is not a filter."""
-    from fte_sniff.analysis.filter.row_filter import RowFilter  # loads polars, which is slow
-
-    return RowFilter.parse(line)
 
 
 class Filters:
@@ -55,7 +48,7 @@ class Filters:
         question = Question(
             later("filter"),
             "motor = 1 AND rpm > 500",
-            parse_filter,
+            RowFilter.parse,
             self.accept,
             self._suggest,
             saves=self._ask_name,
@@ -103,7 +96,7 @@ class Filters:
 
     def _apply(self, line: str, finding: Finding | None = None) -> None:
         self.current, self.finding = line, finding
-        self._view.set_filter(parse_filter(line) if line else None)
+        self._view.set_filter(RowFilter.parse(line) if line else None)
         self._table.sync()
 
     def add(self, condition: str, left: Page | None = None) -> None:
@@ -129,7 +122,7 @@ class Filters:
         def accept(line: str) -> None:
             self.add(others.get(line, line) if hides else line)
 
-        question = Question(label, "motor = 1", parse_filter, accept, choices=choices)
+        question = Question(label, "motor = 1", RowFilter.parse, accept, choices=choices)
         self._parts.line.ask(question)
 
     def _suggest(self, line: str) -> list[str]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from fte_sniff.platform import ENDING_SIGNALS
 from fte_sniff.session.notes import Notes
 from fte_sniff.session.save import ExportSource
-from fte_sniff.tui.cells import TableView
 
 if TYPE_CHECKING:
     from fte_sniff.analysis.filter.row_filter import Alert, RowFilter
@@ -29,11 +28,6 @@ class Choices:
     """A key of `i18n.LANGUAGES`, or its `AUTO`; None where it was never chosen."""
     filters: tuple[tuple[str, str], ...] = ()
     """Names of saved filters, each with its filter."""
-
-    @property
-    def view(self) -> TableView:
-        """The table's view at the start."""
-        return TableView(choice=self.columns)
 
 
 @dataclass(frozen=True, slots=True)

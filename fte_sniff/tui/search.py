@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from fte_sniff.analysis.filter.row_filter import RowFilter
 from fte_sniff.errors import FilterError, InputTextError, printable
-
-if TYPE_CHECKING:
-    from fte_sniff.analysis.filter.row_filter import RowFilter
 
 HEX: Final = "hex:"
 """Prefix of a search for bytes only."""
@@ -19,8 +17,6 @@ _NIBBLES: Final = re.compile(r"(?:[0-9a-f?]{2} ?)+")
 
 def parse_search(typed: str) -> RowFilter:
     """The filter of bytes, of a filter, or of a word; InputTextError if not hex follows `HEX`."""
-    from fte_sniff.analysis.filter.row_filter import RowFilter  # loads polars, which is slow
-
     line = " ".join(typed.split()).lower()
     digits = line.removeprefix(HEX).strip()
     if line.startswith(HEX) and not _NIBBLES.fullmatch(digits):

@@ -10,6 +10,7 @@ import re
 import select
 import signal
 import sys
+from asyncio import get_running_loop
 from contextlib import suppress
 from functools import lru_cache
 from time import monotonic
@@ -139,21 +140,30 @@ class Terminal(LinuxDriver):
             self.hang_up()
 
     def _sigtstp_application(self, *_: object) -> None:
+        """Stop when the loop is free: a signal may come while a queue of this thread is locked."""
+        self._is_continued = False
+        get_running_loop().call_soon_threadsafe(self._stop)
+
+    def _stop(self) -> None:
         """Give the terminal to the shell, and stop; go on at once where no shell could continue it.
 
         The system ignores SIGTSTP there, but not the SIGSTOP of Textual's driver.
         """
+        if self._is_continued:
+            return
         self._lend()
-        self._is_continued = False
         own = signal.signal(signal.SIGTSTP, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGTSTP)
         signal.signal(signal.SIGTSTP, own)
         if not self._is_continued:
-            self._sigcont_application()
+            self._take_back()
 
     def _sigcont_application(self, *_: object) -> None:
         """Take the terminal back, also after a stop that did not give it to the shell."""
         self._is_continued = True
+        get_running_loop().call_soon_threadsafe(self._take_back)
+
+    def _take_back(self) -> None:
         if not self._must_signal_resume:
             self._lend()
         super()._sigcont_application()  # in the background this stops again

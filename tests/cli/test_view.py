@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -195,6 +196,35 @@ def test_a_program_that_was_stopped_takes_its_terminal_back_and_gives_it_back(
         assert screen.ended() == 0
         assert screen.is_as_it_was
         assert_all_is_well(run, screen, recording)
+
+
+SIGNAL_TO_ITSELF = """
+import os, queue, signal
+from fte_sniff.__main__ import main
+put = queue.Queue._put
+def put_and_signal(self, item):
+    put(self, item)
+    if isinstance(item, str) and "speed_feed" in item:
+        queue.Queue._put = put
+        os.kill(os.getpid(), signal.{name})
+queue.Queue._put = put_and_signal
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGCONT", "SIGTSTP"])
+def test_a_stop_may_come_while_what_is_drawn_is_queued(
+    run, environment, tmp_path: Path, name: str
+) -> None:
+    program = (sys.executable, "-c", SIGNAL_TO_ITSELF.format(name=name))
+    with terminal(
+        environment, tmp_path, *LIVE, size=(200, 60), session=controlling_terminal, program=program
+    ) as screen:
+        screen.until(ROWS_TERMINAL, NORMAL_SCREEN)
+        screen.until(ROWS_TERMINAL)
+        screen.type("Q")
+        assert screen.ended() == 0
+        assert_all_is_well(run, screen, tmp_path / "x.mcap")
 
 
 def captures_on(recording: Path) -> None:
