@@ -42,8 +42,8 @@ TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
 """The polars type of every column of the row contract, in its order."""
 
 
-_READABLE: Final = (*COLUMNS, *PREVIOUS.values())
-"""The columns that a filter reads."""
+_READABLE: Final = {column: column_dtype(column) for column in (*COLUMNS, *PREVIOUS.values())}
+"""The columns that a filter reads, with their types."""
 
 
 def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
@@ -59,7 +59,7 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
     values, known, words = column.of_rows(rows)
-    dtype = column_dtype(column)
+    dtype = _READABLE[column]
     if words is None:
         return known_only(values, known).cast(dtype)
     if column.type is ColumnType.TEXT:
