@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from glob import escape
 from itertools import accumulate, groupby
 from operator import itemgetter
@@ -130,7 +130,7 @@ class Recording:
             self.contents = walk(file, is_growing=True) if is_growing else contents_of(file)
             # Without a summary, only the chunks have the definitions.
             first = [] if self.contents.is_indexed else self.contents.chunks[:1]
-            self._define_from(_unpacked(file.fileno(), first))
+            self._define_from(_messages_of(first, _unpacked(file.fileno(), first)))
             self._check(file, is_growing=is_growing)
 
     # What the file reports about itself
@@ -216,15 +216,15 @@ class Recording:
 
         Raises FileError if the file cannot be read any more.
         """
-        within = [one for one in chunks if span.overlaps(one.first_ns, one.last_ns)]
-        starts = {one.start for one in within}
-        lost = {one for one in self.contents.lost if one.start not in starts}
-        lost = {one for one in lost if starts and min(starts) < one.start < max(starts)}
-        groups = [*_groups(sorted([*within, *lost], key=lambda one: one.start))]
+        within = {one.start: one for one in chunks if span.overlaps(one.first_ns, one.last_ns)}
+        first, last = min(within, default=0), max(within, default=0)
+        lost = {one.start: one for one in self.contents.lost if first < one.start < last}
+        groups = [*_groups([one for _, one in sorted((lost | within).items())])]
         then = ahead if len(groups) > 1 else iter  # a file that grows has one new group
         with self._open() as file:
-            for own, parts in then((own, _unpacked(file.fileno(), own)) for own in groups):
-                yield from span.within(self._items_of(own, parts))
+            parts = map(partial(_unpacked, file.fileno()), groups)
+            for items in map(self._items_of, groups, then(map(_messages_of, groups, then(parts)))):
+                yield from span.within(items)
 
     def grow(self, *, is_over: bool = False) -> list[ChunkRef]:
         """The chunks that another program added since the previous call.
@@ -415,21 +415,24 @@ def _type_of(name: str, data: bytes) -> MessageType:
 def _groups(chunks: _Group) -> Iterator[_Group]:
     """Consecutive chunks of a batch, near each other, and the lost bytes between them."""
     sizes = [one.size if isinstance(one, ChunkRef) else 0 for one in chunks]
-    keys = [
+    keys = (
         (before // BATCH, before * (2 * size > BATCH), one.start // _SPAN)
         for before, size, one in zip(accumulate(sizes, initial=0), sizes, chunks, strict=False)
-    ]
-    for _, own in groupby(zip(keys, chunks, strict=True), itemgetter(0)):
-        yield [one for _, one in own]
+    )
+    return ([*own] for _, own in groupby(chunks, lambda _: next(keys)))
 
 
-def _unpacked(descriptor: int, group: _Group) -> list[Messages | LostBytes]:
-    """Read and unpack chunks, in a thread; those of a batch together, if nothing is lost."""
+def _unpacked(descriptor: int, group: _Group) -> list[bytes | LostBytes]:
+    """Read and unpack the records of chunks."""
     zstd = ZstdDecompressor()
     start = min((one.start for one in group), default=0)
     stop = max((one.stop for one in group if isinstance(one, ChunkRef)), default=start)
     data = memoryview(read_at(descriptor, stop - start, start))
-    parts = [_read(data[one.start - start : one.stop - start], one, zstd) for one in group]
+    return [_read(data[one.start - start : one.stop - start], one, zstd) for one in group]
+
+
+def _messages_of(group: _Group, parts: Sequence[bytes | LostBytes]) -> list[Messages | LostBytes]:
+    """The messages of chunks that were unpacked; those of a batch together, if nothing is lost."""
     whole = [part for part in parts if not isinstance(part, LostBytes)]
     if len(whole) == len(parts) and (found := _tiled(b"".join(whole))) is not None:
         return [found]

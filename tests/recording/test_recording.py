@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
-from threading import Thread
+from threading import Thread, active_count
 
 import pytest
 from hypothesis import given
@@ -48,6 +48,7 @@ from tests.recording.samples import (
     write,
 )
 from tests.support.columns import rows_from
+from tests.support.recorded_rows import write_recording
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -357,6 +358,19 @@ def test_a_row_at_the_end_of_a_span_is_outside_it(tmp_path: Path) -> None:
     with RecordingWriter(path, [FIRST]) as writer:
         flush_each(writer, rows, 60)
     assert rows_in(path, TimeRange(START + 3 * STEP, START + 7 * STEP)) == rows[3:7]
+
+
+def test_reading_that_is_given_up_leaves_no_thread(tmp_path: Path) -> None:
+    """Threads unpack batches ahead, with the descriptor of the file."""
+    path, rows = tmp_path / "x.mcap", rows_from(some_rows(2000))
+    write_recording(path, [FIRST], [Rows.concat([rows] * 100)])
+    before = active_count()
+    for count in range(4):
+        items = Recording(path).items()
+        seen = sum(len(item) for _, item in zip(range(count), items, strict=False))
+        assert seen < 200_000
+        del items
+        assert active_count() == before
 
 
 def test_a_file_that_ends_with_its_last_chunk_is_followed(tmp_path: Path) -> None:
