@@ -12,6 +12,7 @@ answer_ms, unanswered    Float64, Boolean; motor_hint Int8; null in rows without
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -59,13 +60,18 @@ def _series(rows: Rows, column: Column) -> pl.Series:
     if column.of_rows is None:
         return _raw(rows)
     values, known, words = column.of_rows(rows)
-    dtype = _READABLE[column]
     if words is None:
-        return known_only(values, known).cast(dtype)
+        return known_only(values, known).cast(_READABLE[column])
+    return _words(column, tuple(words)).gather(pl.Series(values.astype(np.uint32)))
+
+
+@lru_cache(maxsize=64)
+def _words(column: Column, words: tuple[object, ...]) -> pl.Series:
+    """The words of a column, which are the same in most batches."""
     if column.type is ColumnType.TEXT:
         # A device path may hold bytes that are not text; polars takes only valid Unicode.
-        words = [encodable(str(word)) for word in words]
-    return pl.Series(words, dtype=dtype).gather(pl.Series(values.astype(np.uint32)))
+        words = tuple(encodable(str(word)) for word in words)
+    return pl.Series(words, dtype=_READABLE[column])
 
 
 _DIGITS: Final = np.frombuffer(bytes(range(256)).hex().upper().encode(), np.uint16)

@@ -27,7 +27,7 @@ from fte_sniff.analysis.events import (
     named,
 )
 from fte_sniff.analysis.filter.terms import quoted
-from fte_sniff.analysis.relations import DEADLINE_NS, LATE
+from fte_sniff.analysis.relations import LATE
 from fte_sniff.analysis.segments import Counts
 from fte_sniff.analysis.spans import MOST_SPANS, BadSpan, spans_of, surprise
 from fte_sniff.errors import Joint, TranslatableText, listed, printable, unframed_text
@@ -93,11 +93,6 @@ class Finding:
     filter: str
     """Shows its rows."""
     score: float
-
-    @property
-    def decided_ns(self) -> tuple[int, int]:
-        """Its span, with the time after it that decides whether its last commands are answered."""
-        return self.first_ns, self.last_ns + DEADLINE_NS
 
     def continues(self, other: Finding) -> bool:
         """Whether it is the other one, after a search among more rows."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from fte_sniff.analysis.relations import DEADLINE_NS
 from fte_sniff.cli.input_files import STDIN, InputQuery, input_options
 from fte_sniff.cli.measuring import finish, headline, measure, print_json, text_or_json_option
 from fte_sniff.cli.options import grouped_command
@@ -52,5 +53,7 @@ def _lines(report: Report, query: InputQuery, zone: tzinfo) -> Iterator[str]:
         yield f"{number}. {headline(one, report.found, zone)}"
         yield f"   {_(one.text)}"
         if STDIN not in query.files:
-            yield f"   {query.view_command(one.decided_ns, one.filter)}"
+            # The time after it decides whether its last commands are answered.
+            span = one.first_ns, one.last_ns + DEADLINE_NS
+            yield f"   {query.view_command(span, one.filter)}"
     yield from (_(one) for one in report.coverage())
