@@ -37,14 +37,11 @@ def column_dtype(column: Column) -> pl.DataType:
     return types.get(column.type, pl.String())
 
 
-TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {
-    column.name: column_dtype(column) for column in COLUMNS
-}
-"""The polars type of every column of the row contract, in its order."""
-
-
 _READABLE: Final = {column: column_dtype(column) for column in (*COLUMNS, *PREVIOUS.values())}
 """The columns that a filter reads, with their types."""
+
+TABLE_SCHEMA: Final[Mapping[str, pl.DataType]] = {one.name: _READABLE[one] for one in COLUMNS}
+"""The polars type of every column of the row contract, in its order."""
 
 
 def table_frame(rows: Rows, names: Collection[str] | None = None) -> pl.DataFrame:
@@ -71,6 +68,8 @@ def _words(column: Column, words: tuple[object, ...]) -> pl.Series:
     if column.type is ColumnType.TEXT:
         # A device path may hold bytes that are not text; polars takes only valid Unicode.
         words = tuple(encodable(str(word)) for word in words)
+    if column.type is ColumnType.WORDS:
+        words = (*words, column.words)  # polars gathers slowly from lists that are all empty
     return pl.Series(words, dtype=_READABLE[column])
 
 

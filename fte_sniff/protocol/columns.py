@@ -80,8 +80,7 @@ class Column:
 def _fault_sets(rows: Rows) -> ColumnData:
     """The faults of rows: an index into the sets that occur."""
     bits, codes = np.unique(rows.faults, return_inverse=True)
-    # One more: polars is slow to gather from lists that are all empty.
-    return ColumnData(codes, words=[*map(faults_in, bits.tolist()), tuple(Fault)])
+    return ColumnData(codes, words=[faults_in(one) for one in bits.tolist()])
 
 
 def _field_column(field: Field) -> Column:

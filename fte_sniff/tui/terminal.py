@@ -149,7 +149,7 @@ class Terminal(LinuxDriver):
 
         The system ignores SIGTSTP there, but not the SIGSTOP of Textual's driver.
         """
-        if self._is_continued:
+        if self._is_continued:  # while the loop was busy
             return
         self._lend()
         own = signal.signal(signal.SIGTSTP, signal.SIG_DFL)
